@@ -1,0 +1,242 @@
+"""Rig file: which rig, what its controller knows about it, and the controller itself. Units are in the key names."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from spsp_ctrl.config.scenario import Strict
+
+RIG_SCHEMA = "spsp-ctrl/rig/1"
+
+
+class SimulatedDriver(Strict):
+    """The virtual rig: the plant in this process."""
+
+    driver: Literal["simulated"]
+    model: str = "model.yaml"
+    """Plant model file, relative to this file."""
+    seed: int = Field(default=1, ge=0, le=2**31 - 1)
+
+
+class Geometry(Strict):
+    """The mechanism as the controller knows it (Table 1 of the paper)."""
+
+    column_height_mm: float = Field(gt=10.0, le=5000.0)
+    moving_radius_mm: float = Field(gt=5.0, le=2000.0)
+    pitch_limit_deg: float = Field(gt=0.0, le=40.0)
+    roll_limit_deg: float = Field(gt=0.0, le=40.0)
+    azimuth_limit_deg: float = Field(gt=0.0, le=170.0)
+    stroke_min_mm: float = Field(lt=0.0, ge=-1000.0)
+    stroke_max_mm: float = Field(gt=0.0, le=1000.0)
+
+    @model_validator(mode="after")
+    def _possible(self) -> Geometry:
+        if self.moving_radius_mm >= self.column_height_mm:
+            raise ValueError(
+                f"impossible geometry: moving_radius_mm ({self.moving_radius_mm:g}) must be smaller than "
+                f"column_height_mm ({self.column_height_mm:g}), else the rods pass through the table"
+            )
+        return self
+
+
+class Actuator(Strict):
+    """One lead-screw actuator as the controller knows it (design values; the plant has its own truth)."""
+
+    screw_lead_mm: float = Field(gt=0.1, le=50.0)
+    gear_ratio: float = Field(gt=0.1, le=1000.0)
+    resolver_bits: int = Field(ge=8, le=24)
+    zero_offset_um: float = Field(default=0.0, ge=-5000.0, le=5000.0)
+    mode: Literal["torque", "velocity"] = "torque"
+    torque_constant_nm_a: float = Field(gt=0.0, le=10.0)
+    rotor_inertia_kg_m2: float = Field(gt=0.0, le=1.0)
+    """Rotor and train, at the motor."""
+    friction_nm: float = Field(default=0.0, ge=0.0, le=10.0)
+    """Coulomb level used by the friction feed-forward."""
+
+
+class AzimuthDrive(Strict):
+    """The azimuth stepper as the controller knows it."""
+
+    gear_ratio: float = Field(gt=0.1, le=1000.0)
+    full_steps_per_turn: int = Field(ge=4, le=1000)
+    microsteps: int = Field(ge=1, le=256)
+    rate_hz: float = Field(default=100.0, ge=1.0, le=1000.0)
+    """Rate at which the stepper is served."""
+
+
+class ImuConfig(Strict):
+    """The IMU as the controller knows it."""
+
+    rate_hz: float = Field(ge=10.0, le=1000.0)
+    delay_ms: float = Field(ge=0.0, le=50.0)
+    attitude_lag_ms: float = Field(ge=0.0, le=50.0)
+    gyro_lag_ms: float = Field(ge=0.0, le=50.0)
+
+
+class SpeedLoop(Strict):
+    """Motor speed PI, one per actuator, designed by ``tools/design_gains.py``."""
+
+    kp_a_s_rad: float = Field(ge=0.0, le=100.0)
+    ki_a_rad: float = Field(ge=0.0, le=10_000.0)
+
+
+class Observer(Strict):
+    """Fixed-gain observer of motor angle, speed and disturbance acceleration (steady-state Kalman gains)."""
+
+    l_angle: float = Field(ge=0.0, le=1.0)
+    l_speed_1_s: float = Field(ge=0.0, le=1e5)
+    l_disturbance_1_s2: float = Field(ge=0.0, le=1e8)
+
+
+class PositionLoop(Strict):
+    """Attitude PID on the IMU angle to platform rate."""
+
+    kp_1_s: float = Field(ge=0.0, le=1000.0)
+    ki_1_s2: float = Field(ge=0.0, le=100_000.0)
+    td_s: float = Field(ge=0.0, le=1.0)
+
+
+class BaseRateFilter(Strict):
+    """Fixed-gain observer of base rate and base acceleration, one per axis, at the IMU rate."""
+
+    l_rate: float = Field(ge=0.0, le=1.0)
+    l_accel_1_s: float = Field(ge=0.0, le=1e4)
+    lead_ms: float = Field(default=0.0, ge=0.0, le=100.0)
+    """Prediction beyond "now": what the rod loop itself takes to follow."""
+
+
+class CascadeGains(Strict):
+    """One complete gain set."""
+
+    attitude: PositionLoop
+    rod: float = Field(ge=0.0, le=1000.0, alias="rod_kp_1_s")
+    """Gain of the rod position loop used when the loop is closed on the resolvers."""
+    base_rate: BaseRateFilter | None = None
+    """Base-rate feed-forward from the gyro; absent = no feed-forward (the paper's plain cascade)."""
+    accel_feedforward: bool = False
+
+
+class HeadingLoop(Strict):
+    """Azimuth: heading PI on the IMU, to stepper rate."""
+
+    kp_1_s: float = Field(ge=0.0, le=100.0)
+    ki_1_s2: float = Field(ge=0.0, le=1000.0)
+    base_rate_feedforward: bool = True
+
+
+class ControlConfig(Strict):
+    """The law."""
+
+    law: Literal["base_rate_ff", "paper_cascade"] = "base_rate_ff"
+    observer: Observer
+    speed: SpeedLoop
+    base_rate_ff: CascadeGains
+    paper_cascade: CascadeGains
+    heading: HeadingLoop
+
+
+class BacklashCompensation(Strict):
+    """Where the nut sits in its play, from an estimate of the rod force (friction by travel, gravity by tilt), and its take-up."""
+
+    enabled: bool = True
+    gap_um: float = Field(ge=0.0, le=1000.0)
+    stiffness_n_um: float = Field(gt=0.0, le=10_000.0)
+    """Axial stiffness: elastic wind-up is part of the correction."""
+    friction_n: float = Field(ge=0.0, le=10_000.0)
+    """Friction of hinges and guide at the rod."""
+    presliding_um: float = Field(gt=0.0, le=1000.0)
+    """Rod travel after a reversal over which that friction turns round."""
+    moving_mass_kg: float = Field(ge=0.0, le=1000.0)
+    cog_height_mm: float = Field(ge=-1000.0, le=1000.0)
+    """Centre of gravity of what tilts, above the U joint."""
+    cog_x_mm: float = Field(default=0.0, ge=-500.0, le=500.0)
+    cog_y_mm: float = Field(default=0.0, ge=-500.0, le=500.0)
+    width_n: float = Field(default=2.0, gt=0.0, le=1000.0)
+    """Rod force over which the gap is taken as crossed."""
+    time_constant_ms: float = Field(default=3.5, ge=0.5, le=100.0)
+    """Second-order shaping of the take-up."""
+
+
+class ThermalCompensation(Strict):
+    """Eq (13): elongation of the screw l0 * alpha * (T - T_ref)."""
+
+    enabled: bool = True
+    screw_length_mm: float = Field(gt=0.0, le=5000.0)
+    expansion_ppm_k: float = Field(ge=-100.0, le=100.0)
+    reference_c: float = Field(default=20.0, ge=-40.0, le=85.0)
+
+
+class FrictionCompensation(Strict):
+    """Feed-forward of the motor-side Coulomb friction by the sign of the speed reference."""
+
+    enabled: bool = False
+    smooth_rad_s: float = Field(default=2.0, gt=0.0, le=100.0)
+
+
+class Compensation(Strict):
+    """Corrections, each with its own switch."""
+
+    backlash: BacklashCompensation
+    thermal: ThermalCompensation
+    friction: FrictionCompensation = FrictionCompensation()
+
+
+class Limits(Strict):
+    """Limits of motion that the controller keeps."""
+
+    rod_speed_mm_s: float = Field(gt=0.0, le=1000.0)
+    rod_accel_mm_s2: float = Field(gt=0.0, le=50_000.0)
+    current_a: float = Field(gt=0.0, le=200.0)
+    travel_margin_mm: float = Field(default=0.2, ge=0.0, le=50.0)
+    """Kept free before each end of the stroke."""
+    azimuth_rate_deg_s: float = Field(gt=0.0, le=720.0)
+    azimuth_accel_deg_s2: float = Field(gt=0.0, le=10_000.0)
+    align_rate_deg_s: float = Field(default=5.0, gt=0.0, le=60.0)
+    """Platform rate while the platform is brought to its reference after arming."""
+
+
+class SupervisorConfig(Strict):
+    """When the rig may move and when it must stop."""
+
+    auto_arm: bool = True
+    """Arm as soon as the rig is ready, without an operator. On a real rig leave this off."""
+    imu_timeout_ms: float = Field(default=30.0, ge=5.0, le=1000.0)
+    """Age of the newest IMU frame beyond its normal age at which a coasting loop faults."""
+    signal_timeout_ms: float = Field(default=5.0, ge=1.0, le=1000.0)
+    """The same for resolvers and drives."""
+    align_tolerance_deg: float = Field(default=0.2, gt=0.0, le=5.0)
+    align_timeout_s: float = Field(default=20.0, gt=0.0, le=600.0)
+    tilt_fault_deg: float = Field(default=3.0, gt=0.0, le=40.0)
+    """Attitude error in ACTIVE above which the loop is considered lost."""
+    stop_timeout_s: float = Field(default=2.0, gt=0.0, le=60.0)
+
+
+class RecordingConfig(Strict):
+    """The log."""
+
+    enabled: bool = True
+    truth: bool = True
+    """Record the true states of a virtual rig on /truth."""
+
+
+class RigConfig(Strict):
+    """A complete rig."""
+
+    schema_: Literal["spsp-ctrl/rig/1"] = Field(alias="schema")
+    name: str = Field(min_length=1, max_length=60)
+    rate_hz: int = Field(ge=100, le=5000)
+    scenario: str
+    """Scenario file, relative to this file: the motion that ``run`` plays."""
+    rig: SimulatedDriver
+    geometry: Geometry
+    pitch_actuator: Actuator
+    roll_actuator: Actuator
+    azimuth: AzimuthDrive
+    imu: ImuConfig
+    control: ControlConfig
+    compensation: Compensation
+    limits: Limits
+    supervisor: SupervisorConfig = SupervisorConfig()
+    recording: RecordingConfig = RecordingConfig()

@@ -1,0 +1,52 @@
+"""Backlash compensation: where the nut sits between the two flanks.
+
+The flank follows the sign of the rod force. That force is estimated from what the controller knows: friction of hinges and guide, which turns round
+over a short travel after a reversal (Dahl), and gravity of the tilted, off-centre load. Screw travel minus rod travel is then half the gap towards
+the loaded flank plus the elastic wind-up; a critically damped second-order filter keeps its rate within what the speed loop can follow.
+"""
+
+from __future__ import annotations
+
+from math import exp, tanh
+from typing import NamedTuple
+
+from spsp_ctrl.control.params import GapParams
+
+
+class GapState(NamedTuple):
+    """Friction direction (-1..1), screw minus rod travel in m, and its rate in m/s."""
+
+    friction: float
+    offset_m: float
+    rate_m_s: float
+
+
+START = GapState(0.0, 0.0, 0.0)
+_new = tuple.__new__
+
+
+def step(state: GapState, gap: GapParams, rod_rate_m_s: float, gravity_n: float, dt: float) -> GapState:
+    """One cycle: ``rod_rate_m_s`` is the wanted rod speed, ``gravity_n`` the rod force that carries gravity."""
+    friction, offset, rate = state
+    travel = rod_rate_m_s * dt
+    target = 1.0 if travel > 0.0 else -1.0
+    friction = target + (friction - target) * exp(-abs(travel) / gap.presliding_m)
+    force = gap.friction_n * friction + gravity_n
+    wanted = gap.half_gap_m * tanh(force / gap.width_n) + force / gap.stiffness_n_m
+    # critically damped, exact for a constant target over the cycle
+    w = 1.0 / gap.time_constant_s
+    decay = exp(-w * dt)
+    error = offset - wanted
+    slope = rate + w * error
+    return _new(GapState, (friction, wanted + (error + slope * dt) * decay, (rate - w * slope * dt) * decay))
+
+
+def gravity_forces(
+    gap: GapParams, tilt_pitch_rad: float, tilt_roll_rad: float, j11: float, j21: float, j22: float
+) -> tuple[float, float]:
+    """Rod forces in N (positive pushes up) that hold the centre of gravity at a tilt in space; small-angle moments about the U joint."""
+    # m c x f for a platform tilted by (pitch, roll): the moment that the rods must balance about the pitch and the roll axis
+    about_y = gap.weight_nm * -tilt_pitch_rad - gap.offset_x_nm
+    about_x = -gap.weight_nm * tilt_roll_rad - gap.offset_y_nm
+    roll_n = about_x / j22
+    return (about_y - roll_n * j21) / j11, roll_n

@@ -1,0 +1,110 @@
+"""From the plan of a scenario, and the requests of an operator, to the reference of each cycle.
+
+Pure: a source is immutable and is asked with a time. Scalar code, called once per cycle.
+"""
+
+from __future__ import annotations
+
+from math import cos, isfinite, pi, radians, sin
+
+from spsp_ctrl.config.scenario import ReferencePlan, Sine
+from spsp_ctrl.mechanism.frames import wrap_angle
+from spsp_ctrl.mechanism.profile import TargetProfile, smooth_ramp
+from spsp_ctrl.messages import Reference, ReferenceKind
+
+HEADING_SMOOTHING_S = 0.2
+"""Time over which the heading's acceleration changes; it delays a move by half of it and bounds the jerk."""
+
+Waves = tuple[tuple[float, float, float], ...]
+"""Amplitude in rad, angular frequency in rad/s, phase in rad."""
+
+
+class ReferenceSource:
+    """The reference of a session as a function of time.
+
+    Pitch and roll are a constant offset plus sines under the smooth envelope of ``plan.start_s`` and ``plan.ramp_s``,
+    with their exact rates. Heading goes from target to target with limited rate, acceleration and jerk
+    (:class:`~spsp_ctrl.mechanism.profile.TargetProfile`), and is given in (-pi, pi] with its exact rate. It stands on a
+    target planned at ``at_s = 0`` from the start; before any later first target it is 0. A target that comes while the
+    last move still runs replaces it.
+
+    An inertial heading goes the shortest way round. A joint azimuth cannot turn through +-180 degrees, so it goes there
+    through zero.
+
+    Raises ``ValueError`` for a limit that is not positive.
+    """
+
+    __slots__ = ("_heading", "_kind", "_pitch", "_pitch_rad", "_ramp_s", "_roll", "_roll_rad", "_start_s")
+
+    def __init__(
+        self,
+        plan: ReferencePlan,
+        heading_rate_limit_rad_s: float,
+        heading_accel_limit_rad_s2: float,
+        heading_smoothing_s: float = HEADING_SMOOTHING_S,
+    ) -> None:
+        self._kind = int(ReferenceKind.INERTIAL if plan.kind == "inertial" else ReferenceKind.JOINT)
+        self._pitch_rad, self._roll_rad = radians(plan.pitch_deg), radians(plan.roll_deg)
+        self._pitch, self._roll = _waves(plan.pitch), _waves(plan.roll)
+        self._start_s, self._ramp_s = plan.start_s, plan.ramp_s
+        heading = TargetProfile.at_rest(0.0, heading_rate_limit_rad_s, heading_accel_limit_rad_s2, heading_smoothing_s)
+        for target in sorted(plan.heading, key=lambda h: h.at_s):
+            angle = wrap_angle(radians(target.heading_deg))
+            if target.at_s == 0.0:
+                heading = TargetProfile.at_rest(
+                    angle, heading_rate_limit_rad_s, heading_accel_limit_rad_s2, heading_smoothing_s
+                )
+            else:
+                heading = heading.retargeted(target.at_s, self._way(heading, target.at_s, angle), keep_history=True)
+        self._heading = heading
+
+    def at(self, t_s: float) -> Reference:
+        """Reference at ``t_s`` s of cycle time."""
+        pitch, roll = self._pitch_rad, self._roll_rad
+        pitch_rate = roll_rate = 0.0
+        after_s = t_s - self._start_s
+        if after_s > 0.0 and (self._pitch or self._roll):
+            if after_s >= self._ramp_s:
+                grown, growth = 1.0, 0.0
+            else:
+                grown, growth, _, _ = smooth_ramp(after_s / self._ramp_s, self._ramp_s)
+            for amplitude, omega, phase in self._pitch:
+                angle = omega * after_s + phase
+                wave = amplitude * sin(angle)
+                pitch += grown * wave
+                pitch_rate += growth * wave + grown * amplitude * omega * cos(angle)
+            for amplitude, omega, phase in self._roll:
+                angle = omega * after_s + phase
+                wave = amplitude * sin(angle)
+                roll += grown * wave
+                roll_rate += growth * wave + grown * amplitude * omega * cos(angle)
+        heading, heading_rate = self._heading.at(t_s)
+        return Reference(self._kind, pitch, roll, wrap_angle(heading), pitch_rate, roll_rate, heading_rate)
+
+    def with_heading(self, t_s: float, heading_rad: float) -> ReferenceSource:
+        """The source after an operator asked at ``t_s`` for ``heading_rad`` (any turn of it): smoothly there from the
+        present demand.
+
+        The operator has taken over: later targets of the plan no longer apply. Valid from ``t_s`` on. Raises
+        ``ValueError`` for an infinity or NaN.
+        """
+        if not isfinite(heading_rad):
+            raise ValueError(f"a heading demand must be a finite angle, not {heading_rad!r}")
+        other = ReferenceSource.__new__(ReferenceSource)
+        for name in ReferenceSource.__slots__:
+            setattr(other, name, getattr(self, name))
+        other._heading = self._heading.retargeted(t_s, self._way(self._heading, t_s, wrap_angle(heading_rad)))
+        return other
+
+    def _way(self, heading: TargetProfile, t_s: float, angle: float) -> float:
+        """Where the profile must go for ``angle`` in (-pi, pi]: the angle itself, or its turn nearest to the present
+        demand.
+        """
+        if self._kind == ReferenceKind.JOINT:
+            return angle
+        position, _ = heading.trapezoid(t_s)
+        return position + wrap_angle(angle - position)
+
+
+def _waves(sines: tuple[Sine, ...]) -> Waves:
+    return tuple((radians(s.amplitude_deg), 2.0 * pi / s.period_s, radians(s.phase_deg)) for s in sines)

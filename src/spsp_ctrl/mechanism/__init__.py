@@ -1,0 +1,1 @@
+"""The mechanism as pure functions: frames, kinematics, profiles. No state, no I/O."""

@@ -1,0 +1,1 @@
+"""The virtual rig: model file, stages, kernel, swing table. Never imports the control law."""

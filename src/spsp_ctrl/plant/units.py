@@ -1,0 +1,108 @@
+"""Units that a model file may use, and their conversion to SI."""
+
+from __future__ import annotations
+
+from math import pi
+
+DEG = pi / 180.0
+ARCMIN = DEG / 60.0
+
+# unit -> (SI unit, factor)
+UNITS: dict[str, tuple[str, float]] = {
+    "1": ("1", 1.0),
+    "m": ("m", 1.0),
+    "mm": ("m", 1e-3),
+    "um": ("m", 1e-6),
+    "m/m": ("m/m", 1.0),
+    "mm/m": ("m/m", 1e-3),
+    "um/mm": ("m/m", 1e-3),
+    "um/m": ("m/m", 1e-6),
+    "m2": ("m2", 1.0),
+    "mm2": ("m2", 1e-6),
+    "rad": ("rad", 1.0),
+    "mrad": ("rad", 1e-3),
+    "deg": ("rad", DEG),
+    "arcmin": ("rad", ARCMIN),
+    "arcsec": ("rad", ARCMIN / 60.0),
+    "rad/s": ("rad/s", 1.0),
+    "deg/s": ("rad/s", DEG),
+    "arcmin/s": ("rad/s", ARCMIN),
+    "deg/h": ("rad/s", DEG / 3600.0),
+    "rpm": ("rad/s", pi / 30.0),
+    "rad/s2": ("rad/s2", 1.0),
+    "deg/s2": ("rad/s2", DEG),
+    "rad/s^0.5": ("rad/s^0.5", 1.0),
+    "deg/h^0.5": ("rad/s^0.5", DEG / 60.0),
+    "s": ("s", 1.0),
+    "ms": ("s", 1e-3),
+    "us": ("s", 1e-6),
+    "min": ("s", 60.0),
+    "Hz": ("Hz", 1.0),
+    "kHz": ("Hz", 1e3),
+    "kg": ("kg", 1.0),
+    "g": ("kg", 1e-3),
+    "kg m2": ("kg m2", 1.0),
+    "g cm2": ("kg m2", 1e-7),
+    "N/m": ("N/m", 1.0),
+    "N/um": ("N/m", 1e6),
+    "N/mm": ("N/m", 1e3),
+    "N s/m": ("N s/m", 1.0),
+    "N s/mm": ("N s/m", 1e3),
+    "N m": ("N m", 1.0),
+    "mN m": ("N m", 1e-3),
+    "N m/rad": ("N m/rad", 1.0),
+    "N m/mrad": ("N m/rad", 1e3),
+    "N m s/rad": ("N m s/rad", 1.0),
+    "mN m s/rad": ("N m s/rad", 1e-3),
+    "N m/A": ("N m/A", 1.0),
+    "mN m/A": ("N m/A", 1e-3),
+    "A": ("A", 1.0),
+    "mA": ("A", 1e-3),
+    "A s/rad": ("A s/rad", 1.0),
+    "A/rad": ("A/rad", 1.0),
+    "V": ("V", 1.0),
+    "ohm": ("ohm", 1.0),
+    "mohm": ("ohm", 1e-3),
+    "H": ("H", 1.0),
+    "mH": ("H", 1e-3),
+    "uH": ("H", 1e-6),
+    "1/K": ("1/K", 1.0),
+    "ppm/K": ("1/K", 1e-6),
+    "K/W": ("K/W", 1.0),
+    "degC": ("degC", 1.0),
+}
+
+SUFFIX: dict[str, str] = {
+    "1": "",
+    "m/m": "",
+    "m": "_m",
+    "m2": "_m2",
+    "rad": "_rad",
+    "rad/s": "_rad_s",
+    "rad/s2": "_rad_s2",
+    "rad/s^0.5": "_rad_sqrt_s",
+    "s": "_s",
+    "Hz": "_hz",
+    "kg": "_kg",
+    "kg m2": "_kg_m2",
+    "N/m": "_n_m",
+    "N s/m": "_n_s_m",
+    "N m": "_nm",
+    "N m/rad": "_nm_rad",
+    "N m s/rad": "_nm_s",
+    "N m/A": "_nm_a",
+    "A": "_a",
+    "A s/rad": "_a_s_rad",
+    "A/rad": "_a_rad",
+    "V": "_v",
+    "ohm": "_ohm",
+    "H": "_h",
+    "1/K": "_1_k",
+    "K/W": "_k_w",
+    "degC": "_c",
+}
+
+
+def spellings(si_unit: str) -> tuple[str, ...]:
+    """Units of the same dimension as ``si_unit``."""
+    return tuple(unit for unit, (si, _) in UNITS.items() if si == si_unit)

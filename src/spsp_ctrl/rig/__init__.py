@@ -1,0 +1,1 @@
+"""The seam: what every rig is to the control loop."""

@@ -1,0 +1,17 @@
+"""From a rig file to a rig. Only what is needed is imported: a run on hardware never loads the plant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from spsp_ctrl.config.rig import RigConfig
+from spsp_ctrl.config.scenario import Scenario
+from spsp_ctrl.rig.base import Rig
+
+
+def build_rig(config: RigConfig, model_path: Path, scenario: Scenario, seed: int, *, real_time: bool) -> Rig:
+    """The rig that ``config.rig`` describes. Raises ``ConfigError`` for a bad model file, ``RigError`` when it cannot run like this."""
+    from spsp_ctrl.plant.model import load_model
+    from spsp_ctrl.rig.simulated import SimulatedRig
+
+    return SimulatedRig(config, load_model(model_path), scenario, seed, real_time=real_time)

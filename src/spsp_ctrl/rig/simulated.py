@@ -1,0 +1,171 @@
+"""The virtual rig: the plant in this process behind the driver seam."""
+
+from __future__ import annotations
+
+from collections import deque
+from math import isfinite
+
+import numpy as np
+
+from spsp_ctrl.config.rig import RigConfig
+from spsp_ctrl.config.scenario import Scenario
+from spsp_ctrl.messages import (
+    NO_IMU,
+    NO_TEMPERATURE,
+    AzimuthSample,
+    BaseSample,
+    Command,
+    DriveSample,
+    ImuSample,
+    Measurement,
+    ResolverSample,
+    TemperatureSample,
+    Truth,
+)
+from spsp_ctrl.plant.compile import IS_COMPILED, WHY_PLAIN
+from spsp_ctrl.plant.layout import N_COMMAND, N_OUTPUT, N_TRUTH, C, G, O
+from spsp_ctrl.plant.model import PlantModel
+from spsp_ctrl.plant.virtual import VirtualPlant
+from spsp_ctrl.rig.base import RigError, RigIdentity
+
+TEMPERATURE_HZ = 10
+TEMPERATURE_STEP_C = 0.0625
+"""Digital temperature sensor of 12 bit."""
+_SENSED = slice(N_TRUTH, N_OUTPUT)
+_new = tuple.__new__
+
+
+class SimulatedRig:
+    """Lock-step and real time alike: ``read`` advances the plant to the SYNC it is told."""
+
+    def __init__(
+        self, config: RigConfig, model: PlantModel, scenario: Scenario, seed: int, *, real_time: bool = False
+    ) -> None:
+        if real_time and not IS_COMPILED:
+            raise RigError(f"the virtual rig cannot keep real time in plain Python ({WHY_PLAIN}); use --fast")
+        self._config = config
+        self._plant = VirtualPlant(model, scenario, config.rate_hz, seed)
+        self._period_ns = round(1e9 / config.rate_hz)
+        self._imu_delay_ns = round(float(self._plant.parameters[G.imu_delay_s]) * 1e9)
+        self._azimuth_every = max(1, round(config.rate_hz / config.azimuth.rate_hz))
+        self._temperature_every = max(1, config.rate_hz // TEMPERATURE_HZ)
+        self._dropouts = tuple((d.at_s, d.at_s + d.duration_s) for d in scenario.dropouts)
+        self._active = np.zeros(N_COMMAND)
+        self._pending = np.zeros(N_COMMAND)
+        self._in_flight: deque[ImuSample] = deque()
+        self._imu = NO_IMU
+        self._azimuth = self._azimuth_sample(0)
+        self._temperature = NO_TEMPERATURE
+        self._stopped = False
+        self._latch(0)
+        self._measurement = self._measure(0)
+
+    def open(self) -> RigIdentity:
+        """Compile the kernel (or load it) before any clock starts."""
+        self._plant.warm_up()
+        return RigIdentity("spsp-ctrl", "virtual rig", self._config.name, "plant", True)
+
+    def read(self, now_ns: int) -> Measurement:
+        """Advance to SYNC ``now_ns`` and latch. Several periods at once after a skipped cycle: the last command keeps acting."""
+        target = round(now_ns / self._period_ns)
+        if self._plant.cycle < target:
+            while self._plant.cycle < target:
+                self._plant.advance(self._active)
+                self._active[:] = self._pending
+                self._latch(self._plant.cycle)
+            self._measurement = self._measure(now_ns)
+        return self._measurement
+
+    def write(self, command: Command, now_ns: int) -> Command:
+        """Take the command for the next SYNC. A value that is not finite disables the drives instead of reaching them."""
+        if self._stopped or not all(map(isfinite, command[3:])):
+            command = command._replace(
+                enable=False,
+                pitch_current_a=0.0,
+                pitch_speed_rad_s=0.0,
+                roll_current_a=0.0,
+                roll_speed_rad_s=0.0,
+                azimuth_rate_rad_s=0.0,
+            )
+        row = self._pending
+        row[C.enable] = command.enable
+        row[C.pitch_velocity] = self._config.pitch_actuator.mode == "velocity"
+        row[C.pitch_current] = command.pitch_current_a
+        row[C.pitch_speed] = command.pitch_speed_rad_s
+        row[C.roll_velocity] = self._config.roll_actuator.mode == "velocity"
+        row[C.roll_current] = command.roll_current_a
+        row[C.roll_speed] = command.roll_speed_rad_s
+        if self._plant.cycle % self._azimuth_every == 0 or not command.enable:
+            row[C.azimuth_rate] = command.azimuth_rate_rad_s
+        return command
+
+    def stop(self) -> None:
+        """Disable everything from the next SYNC on; later commands are ignored."""
+        self._stopped = True
+        self._pending[:] = 0.0
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def truth(self) -> Truth:
+        """True state at the last SYNC."""
+        m = self._measurement
+        return _new(Truth, (m.stamp_ns, m.cycle, *self._plant.out[:N_TRUTH].tolist()))
+
+    def _latch(self, cycle: int) -> None:
+        out = self._plant.out
+        now = cycle * self._period_ns
+        if cycle % self._plant.imu_every == 0 and not any(a <= now * 1e-9 < b for a, b in self._dropouts):
+            roll, pitch, yaw, gx, gy, gz = out[O.imu_roll : O.gyro_z + 1].tolist()
+            self._in_flight.append(
+                ImuSample(
+                    now, now + self._imu_delay_ns, cycle // self._plant.imu_every, True, roll, pitch, yaw, gx, gy, gz
+                )
+            )
+        while self._in_flight and self._in_flight[0].received_ns <= now:
+            self._imu = self._in_flight.popleft()
+        if cycle % self._azimuth_every == 0:
+            self._azimuth = self._azimuth_sample(cycle)
+        if cycle % self._temperature_every == 0:
+            step = TEMPERATURE_STEP_C
+            screw_p, screw_r = out[O.screw_pitch_c : O.screw_roll_c + 1].tolist()
+            column, frame = out[O.column_c : O.frame_c + 1].tolist()
+            self._temperature = TemperatureSample(
+                now,
+                cycle // self._temperature_every,
+                *(step * round(t / step) for t in (screw_p, screw_r, column, frame)),
+            )
+
+    def _azimuth_sample(self, cycle: int) -> AzimuthSample:
+        steps, rate, left, right, home = self._plant.out[O.microsteps : O.home_switch + 1].tolist()
+        return AzimuthSample(
+            cycle * self._period_ns,
+            cycle // self._azimuth_every,
+            bool(self._active[C.enable]),
+            int(steps),
+            rate,
+            bool(left),
+            bool(right),
+            bool(home),
+        )
+
+    def _measure(self, now_ns: int) -> Measurement:
+        sensed = self._plant.out[_SENSED].tolist()
+        counts1, counts2, current1, current2, bus1, bus2 = sensed[:6]
+        cycle = self._plant.cycle
+        enabled = bool(self._active[C.enable])
+        return _new(
+            Measurement,
+            (
+                now_ns,
+                cycle,
+                self._imu,
+                _new(ResolverSample, (now_ns, cycle, int(counts1), 0)),
+                _new(ResolverSample, (now_ns, cycle, int(counts2), 0)),
+                _new(DriveSample, (now_ns, cycle, enabled, 0, current1, bus1)),
+                _new(DriveSample, (now_ns, cycle, enabled, 0, current2, bus2)),
+                self._azimuth,
+                self._temperature,
+                _new(BaseSample, (now_ns, cycle, *sensed[-3:])),
+            ),
+        )

@@ -1,0 +1,1 @@
+"""The loop: one readable cycle, its clocks, its real-time settings, and the session around it."""

@@ -1,0 +1,74 @@
+"""Clocks: who says when a cycle begins. One loop runs on either."""
+
+from __future__ import annotations
+
+import time
+from typing import NamedTuple, Protocol
+
+
+class Tick(NamedTuple):
+    """Begin of a cycle: its number, its SYNC on the control clock, how late it began, and how many cycles were skipped before it."""
+
+    cycle: int
+    now_ns: int
+    lateness_ns: int
+    skipped: int
+
+
+class Clock(Protocol):
+    """Paces the loop."""
+
+    real_time: bool
+
+    def start(self) -> None:
+        """Cycle 0 begins now."""
+        ...
+
+    def tick(self) -> Tick:
+        """Wait for the next cycle."""
+        ...
+
+
+class LockStepClock:
+    """Simulated time: the next cycle begins as soon as the last one is done."""
+
+    real_time = False
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._cycle = -1
+
+    def start(self) -> None:
+        """Nothing to wait for."""
+
+    def tick(self) -> Tick:
+        """The next cycle, never late."""
+        self._cycle += 1
+        return Tick(self._cycle, self._cycle * self._period_ns, 0, 0)
+
+
+class MonotonicClock:
+    """Absolute deadlines on the monotonic clock. A cycle that cannot begin within its own period is skipped and counted."""
+
+    real_time = True
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._next = 0
+        self._origin_ns = 0
+
+    def start(self) -> None:
+        """Cycle 0 is due now."""
+        self._origin_ns = time.monotonic_ns()
+
+    def tick(self) -> Tick:
+        """Sleep until the next deadline that has not yet passed by a whole period."""
+        due = self._origin_ns + self._next * self._period_ns
+        now = time.monotonic_ns()
+        while now < due:
+            time.sleep((due - now) * 1e-9)
+            now = time.monotonic_ns()
+        skipped = (now - due) // self._period_ns
+        cycle = self._next + skipped
+        self._next = cycle + 1
+        return Tick(cycle, cycle * self._period_ns, now - due - skipped * self._period_ns, skipped)

@@ -1,0 +1,201 @@
+"""The loop: tick -> read -> step -> write -> record, the same for every clock and every rig."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from spsp_ctrl.messages import Command, Control, Measurement, Mode, OperatorRequest, Timing, Truth
+from spsp_ctrl.rig.base import Rig
+from spsp_ctrl.runtime.clock import Clock
+from spsp_ctrl.runtime.cycle import Controller, CycleState, step
+from spsp_ctrl.safety.faults import BY_ID, BY_NUMBER
+
+OPERATOR_HZ = 50
+STATUS_HZ = 5
+_EXCEPTION = BY_ID["exception"]
+
+
+class CycleRecorder(Protocol):
+    """Where the records go. None of these may wait in real time, or raise."""
+
+    def record_cycle(self, measurement: Measurement, control: Control, timing: Timing, truth: Truth | None) -> None:
+        """One cycle."""
+        ...
+
+    def event(self, stamp_ns: int, level: str, id: str, text: str) -> None:
+        """Something happened."""
+        ...
+
+    def operator(self, request: OperatorRequest) -> None:
+        """The operator asked for something."""
+        ...
+
+
+class NullRecorder:
+    """Records nothing."""
+
+    def record_cycle(self, measurement: Measurement, control: Control, timing: Timing, truth: Truth | None) -> None:
+        """Drop it."""
+
+    def event(self, stamp_ns: int, level: str, id: str, text: str) -> None:
+        """Drop it."""
+
+    def operator(self, request: OperatorRequest) -> None:
+        """Drop it."""
+
+
+class Operator(Protocol):
+    """The operator channel: keys of the live screen, signals, later a socket."""
+
+    def poll(self, now_ns: int) -> tuple[OperatorRequest, ...]:
+        """Requests since the last call, without waiting."""
+        ...
+
+
+StatusSink = Callable[[Measurement, Control, Timing, Truth | None], None]
+"""Called a few times a second with what a live screen shows."""
+
+
+@dataclass(slots=True)
+class LoopResult:
+    """How a loop ended."""
+
+    ended: str
+    """``completed``, ``interrupted`` or ``fault: ID``."""
+    cycles: int = 0
+    last_ns: int = 0
+    skipped: int = 0
+    skipped_stamps_ns: list[int] = field(default_factory=list)
+    events: list[dict[str, object]] = field(default_factory=list)
+
+
+class Interrupts:
+    """Ctrl-C, SIGTERM and SIGHUP: the first asks for a controlled stop, the second ends at once."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self, *_: object) -> None:
+        """Signal handler."""
+        self.count += 1
+
+
+def run_loop(
+    rig: Rig,
+    clock: Clock,
+    controller: Controller,
+    state: CycleState,
+    duration_ns: int,
+    recorder: CycleRecorder,
+    operator: Operator | None = None,
+    status: StatusSink | None = None,
+    interrupts: Interrupts | None = None,
+    rate_hz: int = 1000,
+) -> LoopResult:
+    """Run until ``duration_ns`` of control time has passed, then stop under control. Every exception ends in ``rig.stop()``.
+
+    After the duration (or an interrupt) the platform is braked and disabled before the loop returns.
+    """
+    period_ns = round(1e9 / rate_hz)
+    operator_every = max(1, rate_hz // OPERATOR_HZ)
+    status_every = max(1, rate_hz // STATUS_HZ)
+    result = LoopResult("completed")
+    interrupts = interrupts or Interrupts()
+    mode = -1
+    last_ns = -period_ns
+    ending = ""
+    now = time.perf_counter_ns
+
+    def event(level: str, id: str, text: str, stamp_ns: int) -> None:
+        result.events.append({"stamp_ns": stamp_ns, "level": level, "id": id, "text": text})
+        recorder.event(stamp_ns, level, id, text)
+
+    try:
+        clock.start()
+        while True:
+            tick = clock.tick()
+            begin = now()
+            now_ns = tick.now_ns
+            dt = (now_ns - last_ns) * 1e-9
+            measurement = rig.read(now_ns)
+            after_read = now()
+
+            requests: tuple[OperatorRequest, ...] = ()
+            if operator is not None and tick.cycle % operator_every == 0:
+                requests = operator.poll(now_ns)
+            if not ending:
+                if interrupts.count:
+                    ending = "interrupted"
+                elif now_ns >= duration_ns:
+                    ending = "completed"
+                if ending:
+                    requests = (*requests, OperatorRequest(now_ns, "stop", 0.0, ending))
+            for request in requests:
+                recorder.operator(request)
+            control, state = step(state, controller, measurement, requests, now_ns, dt)
+            after_control = now()
+
+            sent: Command = rig.write(control.command, now_ns)
+            if sent is not control.command:
+                control = control._replace(command=sent)
+            after_write = now()
+
+            if tick.skipped:
+                result.skipped += tick.skipped
+                result.skipped_stamps_ns.append(now_ns)
+                event("warning", "skip", f"{tick.skipped} cycle(s) skipped", now_ns)
+            if control.mode != mode:
+                _report_mode(event, mode, control)
+                mode = control.mode
+            timing = Timing(
+                now_ns,
+                tick.cycle,
+                tick.lateness_ns,
+                tick.skipped,
+                after_read - begin,
+                after_control - after_read,
+                after_write - after_control,
+                0,
+                after_write - begin,
+            )
+            truth = rig.truth()
+            recorder.record_cycle(measurement, control, timing, truth)
+            last_ns = now_ns
+            result.cycles += 1
+            if status is not None and tick.cycle % status_every == 0:
+                status(measurement, control, timing, truth)
+            if interrupts.count > 1:
+                ending = "interrupted"
+                break
+            if mode == Mode.FAULT and not ending and operator is None:
+                break
+            if ending and mode in (Mode.DISARMED, Mode.READY, Mode.FAULT):
+                break
+        rig.stop()
+        result.ended = ending or "completed"
+        if mode == Mode.FAULT and state.supervisor.fault is not None:
+            result.ended = f"fault: {state.supervisor.fault.id}"
+    except BaseException as error:
+        rig.stop()
+        text = f"{_EXCEPTION.text}: {error!r}"
+        event("error", _EXCEPTION.id, text + "\n" + traceback.format_exc(), max(last_ns, 0))
+        result.ended = f"fault: {_EXCEPTION.id}"
+        if not isinstance(error, Exception):
+            raise
+    finally:
+        result.last_ns = last_ns
+    return result
+
+
+def _report_mode(event: Callable[[str, str, str, int], None], before: int, control: Control) -> None:
+    name = Mode(control.mode).name
+    if control.fault and control.mode in (Mode.FAULT, Mode.STOPPING):
+        fault = BY_NUMBER[control.fault]
+        event("error", fault.id, f"{name}: {fault.text}. Check: {fault.check}", control.stamp_ns)
+    else:
+        text = name if before < 0 else f"{Mode(before).name} -> {name}"
+        event("info", "mode", text, control.stamp_ns)

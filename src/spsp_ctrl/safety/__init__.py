@@ -1,0 +1,1 @@
+"""Faults as a table, judgement of signals, and the supervisor. Pure steps."""
