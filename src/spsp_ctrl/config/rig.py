@@ -213,12 +213,12 @@ class SupervisorConfig(Strict):
     stop_timeout_s: float = Field(default=2.0, gt=0.0, le=60.0)
 
 
-class RecordingConfig(Strict):
-    """The log."""
+class RealTimeConfig(Strict):
+    """What the process asks of the operating system in real time; what was granted is reported."""
 
     enabled: bool = True
-    truth: bool = True
-    """Record the true states of a virtual rig on /truth."""
+    priority: int = Field(default=50, ge=1, le=90)
+    """SCHED_FIFO priority."""
 
 
 class RigConfig(Strict):
@@ -239,4 +239,4 @@ class RigConfig(Strict):
     compensation: Compensation
     limits: Limits
     supervisor: SupervisorConfig = SupervisorConfig()
-    recording: RecordingConfig = RecordingConfig()
+    realtime: RealTimeConfig = RealTimeConfig()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 SCENARIO_SCHEMA = "spsp-ctrl/scenario/1"
 
@@ -29,6 +29,12 @@ class Roughness(Strict):
     rms_arcmin: float = Field(default=0.0, ge=0.0, le=10.0)
     low_hz: float = Field(default=2.0, gt=0.0, le=20.0)
     high_hz: float = Field(default=10.0, gt=0.0, le=50.0)
+
+    @model_validator(mode="after")
+    def _band(self) -> Roughness:
+        if self.high_hz < self.low_hz:
+            raise ValueError(f"high_hz ({self.high_hz:g}) must not be below low_hz ({self.low_hz:g})")
+        return self
 
 
 class BaseMotion(Strict):

@@ -60,8 +60,9 @@ class TargetProfile(NamedTuple):
 
     @classmethod
     def at_rest(cls, position: float, rate_limit: float, accel_limit: float, smoothing_s: float) -> TargetProfile:
-        """Standing at ``position`` since ever. Raises ``ValueError`` for a limit or smoothing time that is not
-        positive.
+        """Standing at ``position`` since ever.
+
+        Raises ``ValueError`` for a limit or a smoothing time that is not positive and finite.
         """
         for name, value in (
             ("rate limit", rate_limit),
@@ -146,13 +147,13 @@ def _trapezoid(
         cruise_s = max(0.0, (distance - (2.0 * peak * peak - v * v) / (2.0 * accel_limit)) / peak)
     peak = max(peak, v, 0.0)
     up_s = (peak - v) / accel_limit
-    up_m = 0.5 * (v + peak) * up_s
-    brake = peak / accel_limit
+    up_way = 0.5 * (v + peak) * up_s
+    brake_s = peak / accel_limit
     t1 = t_s + up_s
     t2 = t1 + cruise_s
     return [
         Piece(t_s, position, rate, sign * accel_limit),
-        Piece(t1, position + sign * up_m, sign * peak, 0.0),
-        Piece(t2, position + sign * (up_m + peak * cruise_s), sign * peak, -sign * accel_limit),
-        Piece(t2 + brake, target, 0.0, 0.0),
+        Piece(t1, position + sign * up_way, sign * peak, 0.0),
+        Piece(t2, position + sign * (up_way + peak * cruise_s), sign * peak, -sign * accel_limit),
+        Piece(t2 + brake_s, target, 0.0, 0.0),
     ]

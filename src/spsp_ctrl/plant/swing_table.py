@@ -12,20 +12,17 @@ from math import pi, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spsp_ctrl.config.scenario import BaseMotion, Roughness, Sine
 from spsp_ctrl.mechanism.frames import imu_roll_from_roll
 from spsp_ctrl.mechanism.profile import smooth_ramp
-
-Array = NDArray[np.float64]
+from spsp_ctrl.plant.arrays import Array
 
 GRAVITY_M_S2 = 9.80665
 """Standard gravity (ISO 80000-3)."""
 ROUGHNESS_SINES = 24
 CHUNK = 125
-"""Rows computed at once, always on the same grid of cycles: so a row has the same bits whichever block it is asked in.
-"""
+"""Rows computed at once, always on the same grid of cycles: so a row has the same bits in whichever block."""
 N_ROW = 18
 
 X, Y, Z = 0, 1, 2

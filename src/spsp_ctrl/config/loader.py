@@ -1,0 +1,299 @@
+"""Strict YAML files: every problem of a file at once, each as one line ``file:line:column: what is wrong, what to do``."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import UnionType
+from typing import Any, Generic, TypeVar, Union, get_args, get_origin
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from spsp_ctrl.config.rig import RIG_SCHEMA, RigConfig
+from spsp_ctrl.config.scenario import SCENARIO_SCHEMA, Scenario
+
+M = TypeVar("M", bound=BaseModel)
+Location = tuple[str | int, ...]
+MAX_BYTES = 1 << 20
+MAX_NODES = 50_000
+
+KINDS = {
+    RIG_SCHEMA: "a rig file",
+    SCENARIO_SCHEMA: "a scenario file",
+    "spsp-ctrl/model/1": "a plant model file",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigProblem:
+    """One thing that is wrong, and where. ``line`` 0 means the file as a whole, ``path`` None an option of the command line."""
+
+    path: Path | None
+    line: int
+    column: int
+    message: str
+
+    def __str__(self) -> str:
+        if self.path is None:
+            return self.message
+        return f"{self.path}:{self.line}:{self.column}: {self.message}" if self.line else f"{self.path}: {self.message}"
+
+
+class ConfigError(Exception):
+    """A file or option that cannot be used."""
+
+    def __init__(self, problems: Sequence[ConfigProblem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(map(str, self.problems)))
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded(Generic[M]):
+    """A checked file with the places of its keys."""
+
+    model: M
+    path: Path
+    data: dict[str, Any]
+    marks: dict[Location, tuple[int, int]] = field(repr=False)
+
+    def locate(self, place: Location) -> tuple[int, int]:
+        """Line and column (from 1) of a key, or of the nearest mapping around it."""
+        while place not in self.marks and place:
+            place = place[:-1]
+        return self.marks.get(place, (1, 1))
+
+
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """YAML 1.1 without its traps: ``2e-5`` is a number, ``on`` and ``12:30`` are text."""
+
+
+_Loader.yaml_implicit_resolvers = {
+    key: [(tag, rx) for tag, rx in resolvers if tag.rsplit(":", 1)[-1] not in ("float", "bool", "int", "timestamp")]
+    for key, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(true|false)$", re.I), list("tTfF"))
+_Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789"))
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(([0-9]+\.[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+|\.(inf|nan|Inf|NaN))$"),
+    list("-+0123456789."),
+)
+
+
+def _read(path: Path) -> str:
+    if not path.exists():
+        raise ConfigError([ConfigProblem(path, 0, 0, "no such file")])
+    if path.is_dir():
+        raise ConfigError([ConfigProblem(path, 0, 0, "is a folder, expected a YAML file")])
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ConfigError([ConfigProblem(path, 0, 0, f"cannot be read: {error.strerror}")]) from None
+    if len(data) > MAX_BYTES:
+        raise ConfigError([ConfigProblem(path, 0, 0, f"is larger than {MAX_BYTES >> 20} MiB: not a configuration file")])
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = data[: error.start].count(b"\n") + 1
+        raise ConfigError([ConfigProblem(path, line, 1, "is not UTF-8 text; save it as UTF-8 YAML")]) from None
+
+
+def _construct(path: Path, text: str) -> tuple[Any, dict[Location, tuple[int, int]]]:
+    """Plain data and the place of every key."""
+    try:
+        root = yaml.compose(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        hint = "; indent with spaces, not tabs" if "'\\t'" in str(error.problem) else ""
+        raise ConfigError([ConfigProblem(path, line, column, f"not valid YAML: {error.problem}{hint}")]) from None
+    except yaml.YAMLError as error:
+        first = str(error).splitlines()[0]
+        raise ConfigError([ConfigProblem(path, 1, 1, f"not valid YAML: {first}")]) from None
+    if root is None:
+        raise ConfigError([ConfigProblem(path, 1, 1, "is empty; copy one of the files in config/ and change it")])
+    if not isinstance(root, yaml.MappingNode):
+        raise ConfigError([ConfigProblem(path, 1, 1, "expected `key: value` lines at the top level")])
+    marks: dict[Location, tuple[int, int]] = {(): (1, 1)}
+    problems: list[ConfigProblem] = []
+    scalars = _Loader("")
+    count = 0
+
+    def walk(node: yaml.Node, place: Location) -> Any:
+        nonlocal count
+        count += 1
+        if count > MAX_NODES:
+            raise ConfigError([ConfigProblem(path, node.start_mark.line + 1, 1, "too many values (aliases repeated?)")])
+        if isinstance(node, yaml.MappingNode):
+            result: dict[str, Any] = {}
+            for key_node, value_node in node.value:
+                line, column = key_node.start_mark.line + 1, key_node.start_mark.column + 1
+                key = str(key_node.value) if isinstance(key_node, yaml.ScalarNode) else repr(key_node.value)
+                if key in result:
+                    problems.append(ConfigProblem(path, line, column, f"key {key!r} is given twice; delete one"))
+                marks[(*place, key)] = (line, column)
+                result[key] = walk(value_node, (*place, key))
+            return result
+        if isinstance(node, yaml.SequenceNode):
+            items = []
+            for i, child in enumerate(node.value):
+                marks[(*place, i)] = (child.start_mark.line + 1, child.start_mark.column + 1)
+                items.append(walk(child, (*place, i)))
+            return items
+        try:
+            return scalars.construct_object(node)
+        except (yaml.YAMLError, ValueError) as error:
+            mark = node.start_mark
+            problems.append(ConfigProblem(path, mark.line + 1, mark.column + 1, f"cannot be read as a value: {error}"))
+            return None
+
+    data = walk(root, ())
+    if problems:
+        raise ConfigError(problems)
+    return data, marks
+
+
+def load_yaml_model(path: Path, model: type[M], schema: str) -> Loaded[M]:
+    """Read, check and convert one file. Raises ``ConfigError`` with every problem found."""
+    path = Path(path)
+    data, marks = _construct(path, _read(path))
+    given = data.get("schema")
+    if given != schema:
+        line, column = marks.get(("schema",), (1, 1))
+        if given is None:
+            text = f"no `schema:` line; a file of this kind starts with `schema: {schema}`"
+        elif given in KINDS:
+            text = f"this is {KINDS[given]}, not {KINDS[schema]}"
+        else:
+            text = f"unknown schema {given!r}; expected {schema!r}"
+        raise ConfigError([ConfigProblem(path, line, column, text)])
+    return _validate(path, data, marks, model)
+
+
+def _validate(path: Path, data: dict[str, Any], marks: dict[Location, tuple[int, int]], model: type[M]) -> Loaded[M]:
+    loaded: Loaded[Any] = Loaded(None, path, data, marks)  # type: ignore[arg-type]
+    try:
+        checked = model.model_validate(data)
+    except ValidationError as error:
+        problems = [_problem(loaded, model, dict(item)) for item in error.errors()]
+        unique = {str(problem): problem for problem in problems}
+        raise ConfigError(sorted(unique.values(), key=lambda p: (p.line, p.column, p.message))) from None
+    return Loaded(checked, path, data, marks)
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    elif get_origin(annotation) in (Union, UnionType, tuple, list, dict) or get_args(annotation):
+        for argument in get_args(annotation):
+            yield from _models(argument)
+
+
+def _keys(model: type[BaseModel], place: Location) -> list[str]:
+    """Keys allowed in the mapping at ``place``."""
+    current = [model]
+    for part in place:
+        if isinstance(part, int):
+            continue
+        found = []
+        for candidate in current:
+            for name, info in candidate.model_fields.items():
+                if (info.alias or name) == part:
+                    found += list(_models(info.annotation))
+        if not found:
+            return []
+        current = found
+    return [info.alias or name for candidate in current for name, info in candidate.model_fields.items()]
+
+
+_UNITS = re.compile(r"_(mm|um|m|deg|rad|arcmin|ms|s|ns|hz|a|v|nm|n|c|ppm_k|n_um|kg|mm_s|mm_s2|deg_s|deg_s2|1_s|1_s2)$")
+
+
+def _problem(loaded: Loaded[Any], model: type[BaseModel], item: dict[str, Any]) -> ConfigProblem:
+    place: Location = tuple(item["loc"])
+    dotted = ".".join(map(str, place))
+    kind, context = item["type"], item.get("ctx", {})
+    value = item.get("input")
+    line, column = loaded.locate(place)
+    if kind == "extra_forbidden":
+        name, allowed = str(place[-1]), _keys(model, place[:-1])
+        stem = _UNITS.sub("", name)
+        same = [key for key in allowed if key != name and _UNITS.sub("", key) == stem]
+        if same:
+            text = f"unknown key {dotted!r}: this quantity is given as {same[0]!r} (mind the unit)"
+        else:
+            near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
+            text = f"unknown key {dotted!r}" + (f"; did you mean {near[0]!r}?" if near else "; delete it")
+    elif kind == "missing":
+        text = f"key {dotted!r} is missing; add it to this mapping"
+    elif kind == "value_error":
+        text = f"{context.get('error', item['msg'])}" + (f" ({dotted})" if dotted else "")
+    elif kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        sign = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+        limit = " and ".join(f"{sign[k]} {v:g}" for k, v in context.items() if k in sign)
+        text = f"{dotted} = {value!r} is out of range: it must be {limit}"
+    elif kind == "finite_number":
+        text = f"{dotted} = {value!r}: a finite number is needed"
+    else:
+        text = f"{dotted} = {value!r}: {item['msg'][0].lower()}{item['msg'][1:]}"
+    return ConfigProblem(loaded.path, line, column, text)
+
+
+def load_rig(path: Path) -> Loaded[RigConfig]:
+    """A rig file."""
+    return load_yaml_model(path, RigConfig, RIG_SCHEMA)
+
+
+def load_scenario(path: Path) -> Loaded[Scenario]:
+    """A scenario file."""
+    return load_yaml_model(path, Scenario, SCENARIO_SCHEMA)
+
+
+def resolve_reference(loaded: Loaded[Any], place: Location) -> Path:
+    """The file that the value at ``place`` names, relative to the file it stands in; it must exist."""
+    value: Any = loaded.data
+    model: Any = loaded.model
+    for part in place:
+        model = getattr(model, str(part))
+        value = value.get(part) if isinstance(value, dict) else None
+    path = loaded.path.parent / str(model)
+    if not path.is_file():
+        line, column = loaded.locate(place)
+        text = f"{'.'.join(map(str, place))}: no such file: {path}"
+        raise ConfigError([ConfigProblem(loaded.path, line, column, text)])
+    return path
+
+
+def apply_overrides(loaded: Loaded[M], overrides: Sequence[str]) -> Loaded[M]:
+    """``key.path=value`` texts laid over a file and checked with it. Raises ``ConfigError`` that names the text."""
+    data = yaml.safe_load(yaml.safe_dump(loaded.data))
+    for text in overrides:
+        name, separator, raw = text.partition("=")
+        parts = name.strip().split(".")
+        if not separator or not all(parts):
+            raise ConfigError([ConfigProblem(None, 0, 0, f"--set {text}: expected KEY=VALUE, e.g. control.law=paper_cascade")])
+        try:
+            value = yaml.load(raw, Loader=_Loader)
+        except yaml.YAMLError:
+            raise ConfigError([ConfigProblem(None, 0, 0, f"--set {text}: the value is not valid YAML")]) from None
+        target = data
+        for part in parts[:-1]:
+            target = target.setdefault(part, {}) if isinstance(target, dict) else None
+        if not isinstance(target, dict):
+            raise ConfigError([ConfigProblem(None, 0, 0, f"--set {text}: {name} is not a key of this file")])
+        target[parts[-1]] = value
+    try:
+        checked = _validate(loaded.path, data, loaded.marks, type(loaded.model))
+    except ConfigError as error:
+        which = " ".join(f"--set {text}" for text in overrides)
+        raise ConfigError([ConfigProblem(None, 0, 0, f"{which}: {p.message}") for p in error.problems]) from None
+    return checked
+
+
+def dump_resolved(model: BaseModel) -> str:
+    """YAML text of a checked file with every default written out; it loads back to the same values."""
+    return yaml.safe_dump(model.model_dump(mode="json", by_alias=True), sort_keys=False, allow_unicode=True)

@@ -1,0 +1,220 @@
+"""A session: from checked files to a run folder. Used by ``run`` and by every experiment."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from spsp_ctrl.config.loader import dump_resolved
+from spsp_ctrl.config.rig import RigConfig
+from spsp_ctrl.config.scenario import Scenario
+from spsp_ctrl.experiments import summary as figures
+from spsp_ctrl.messages import Control, Measurement, OperatorRequest, Timing, Truth
+from spsp_ctrl.recording.reader import LogData, read_log
+from spsp_ctrl.recording.writer import Recorder
+from spsp_ctrl.rig.base import Rig
+from spsp_ctrl.rig.factory import build_rig
+from spsp_ctrl.runtime import cycle
+from spsp_ctrl.runtime.clock import LockStepClock, MonotonicClock
+from spsp_ctrl.runtime.identity import law_digest, versions
+from spsp_ctrl.runtime.loop import Interrupts, LoopResult, Operator, StatusSink, run_loop
+from spsp_ctrl.runtime.realtime import RealTime
+
+LOG_NAME = "run.mcap"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a session needs, checked."""
+
+    config: RigConfig
+    scenario: Scenario
+    model_path: Path
+    seed: int
+    real_time: bool
+
+
+class Watcher:
+    """What a live screen needs from the loop: every cycle, and the operator's requests."""
+
+    operator: Operator | None = None
+    status: StatusSink | None = None
+
+    def note(self, control: Control, timing: Timing) -> None:
+        """Called in every cycle; must be cheap."""
+
+    def event(self, text: str, t_s: float) -> None:
+        """Something happened."""
+
+
+class _Watched:
+    """A recorder that also tells the watcher."""
+
+    def __init__(self, recorder: Recorder, watcher: Watcher) -> None:
+        self._recorder = recorder
+        self._watcher = watcher
+
+    def record_cycle(self, measurement: Measurement, control: Control, timing: Timing, truth: Truth | None) -> None:
+        self._recorder.record_cycle(measurement, control, timing, truth)
+        self._watcher.note(control, timing)
+
+    def event(self, stamp_ns: int, level: str, id: str, text: str) -> None:
+        self._recorder.event(stamp_ns, level, id, text)
+        self._watcher.event(text, stamp_ns * 1e-9)
+
+    def operator(self, request: OperatorRequest) -> None:
+        self._recorder.operator(request)
+
+
+@dataclass(frozen=True, slots=True)
+class SessionResult:
+    """A finished run."""
+
+    folder: Path
+    summary: dict[str, Any]
+    log: LogData
+    loop: LoopResult
+
+
+def new_folder(out: Path | None) -> Path:
+    """``out``, or ``runs/<UTC>`` in the working folder. Raises ``OSError`` (``FileExistsError`` for a folder that already holds a run)."""
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        if (out / LOG_NAME).exists():
+            raise FileExistsError(f"{out} already holds a run ({LOG_NAME}); choose another folder")
+        return out
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    for suffix in ["", *(f"-{n}" for n in range(2, 100))]:
+        folder = Path("runs") / (stamp + suffix)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        return folder
+    raise FileExistsError(f"no free folder name for {stamp}")
+
+
+@contextmanager
+def interruptible() -> Iterator[Interrupts]:
+    """Ctrl-C, SIGTERM and SIGHUP ask for a controlled stop instead of raising."""
+    interrupts = Interrupts()
+    wanted = [s for s in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, s)]
+    before = {}
+    for name in wanted:
+        number = getattr(signal, name)
+        before[number] = signal.signal(number, interrupts)
+    try:
+        yield interrupts
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def prepare(plan: Plan) -> Rig:
+    """Build and open the rig: everything that can be refused is refused here, before a folder exists and before a clock starts."""
+    rig = build_rig(plan.config, plan.model_path, plan.scenario, plan.seed, real_time=plan.real_time)
+    rig.open()
+    return rig
+
+
+def run_session(
+    plan: Plan,
+    rig: Rig,
+    folder: Path,
+    watcher: Watcher | None = None,
+    announce: Callable[[str], None] = lambda text: None,
+) -> SessionResult:
+    """Run the scenario on an opened rig, record it into ``folder`` and summarise it."""
+    config, scenario = plan.config, plan.scenario
+    period_ns = round(1e9 / config.rate_hz)
+    identity = rig.open()
+    files = {
+        "rig.yaml": dump_resolved(config),
+        "scenario.yaml": dump_resolved(scenario),
+        "model.yaml": plan.model_path.read_text(encoding="utf-8"),
+    }
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    mode = "real-time" if plan.real_time else "lock-step"
+    about = versions() | {
+        "law": config.control.law,
+        "law_digest": law_digest(),
+        "seed": str(plan.seed),
+        "mode": mode,
+        "rate_hz": str(config.rate_hz),
+        "rig": config.name,
+        "scenario": scenario.name,
+        "vendor": identity.vendor,
+        "product": identity.product,
+        "serial": identity.serial,
+        "firmware": identity.firmware,
+        "virtual": str(identity.virtual).lower(),
+    }
+    recorder = Recorder(folder / LOG_NAME, real_time=plan.real_time, attachments=files, metadata={"run": about})
+    watched = _Watched(recorder, watcher) if watcher is not None else recorder
+    clock = MonotonicClock(period_ns) if plan.real_time else LockStepClock(period_ns)
+    controller = cycle.controller(config)
+    state = cycle.start(config, scenario.reference)
+    announce(f"running {scenario.name} for {scenario.duration_s:g} s ({mode})")
+    realtime = RealTime(plan.real_time and config.realtime.enabled, config.realtime.priority)
+    try:
+        with interruptible() as interrupts, realtime:
+            result = run_loop(
+                rig,
+                clock,
+                controller,
+                state,
+                round(scenario.duration_s * 1e9),
+                watched,
+                watcher.operator if watcher else None,
+                watcher.status if watcher else None,
+                interrupts,
+                config.rate_hz,
+            )
+    finally:
+        rig.stop()
+        rig.close()
+        recorder.metadata("result", {"realtime_granted": json.dumps(realtime.granted)})
+        stats = recorder.close()
+    log = read_log(folder / LOG_NAME)
+    summary = summarise(plan, log, result, realtime.granted, stats.records, stats.lost)
+    text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+    (folder / "summary.json").write_text(text, encoding="utf-8")
+    return SessionResult(folder, summary, log, result)
+
+
+def summarise(
+    plan: Plan, log: LogData, result: LoopResult, granted: dict[str, Any], records: int, lost: int
+) -> dict[str, Any]:
+    """``summary.json`` of a run."""
+    config, scenario = plan.config, plan.scenario
+    summary: dict[str, Any] = {
+        "rig": config.name,
+        "scenario": scenario.name,
+        "law": config.control.law,
+        "mode": "real-time" if plan.real_time else "lock-step",
+        "virtual": True,
+        "ended": result.ended,
+        "duration_s": min(scenario.duration_s, result.last_ns * 1e-9),
+        "settle_s": scenario.settle_s,
+        "rate_hz": config.rate_hz,
+        "seed": plan.seed,
+    }
+    summary |= figures.errors(log.topics, scenario.settle_s, scenario.duration_s)
+    summary["timing_us"] = figures.timing(log.topics)
+    summary["log"] = {"records": records, "lost": lost}
+    summary["realtime_granted"] = granted
+    summary["acceptance"] = figures.acceptance(scenario.acceptance, summary)
+    return summary
+
+
+def stderr(text: str) -> None:
+    """A progress line for a person, away from machine output."""
+    print(text, file=sys.stderr, flush=True)
