@@ -1,0 +1,168 @@
+"""Messages as CDR with ROS 2 schemas: one codec for every NamedTuple of ``messages``.
+
+A message is laid out field by field in little-endian CDR (float -> float64, int -> int64, bool -> bool, a nested message in place), so a payload has a
+fixed size and a log of one topic is an array.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple, get_type_hints
+
+import numpy as np
+
+from spsp_ctrl.messages import Control, Measurement, Timing, Truth
+
+HEADER = b"\x00\x01\x00\x00"
+"""Encapsulation header: CDR, little-endian."""
+
+_ROS = {float: "float64", int: "int64", bool: "bool"}
+_CODE = {float: "d", int: "q", bool: "?"}
+_NUMPY = {float: "<f8", int: "<i8", bool: "?"}
+
+
+def _fields(cls: type) -> list[tuple[str, type]]:
+    return list(get_type_hints(cls).items())
+
+
+def _leaves(cls: type, prefix: str = "") -> Iterator[tuple[str, type]]:
+    for name, kind in _fields(cls):
+        if kind in _CODE:
+            yield prefix + name, kind
+        else:
+            yield from _leaves(kind, f"{prefix}{name}.")
+
+
+def _nested(cls: type) -> Iterator[type]:
+    for _, kind in _fields(cls):
+        if kind not in _CODE:
+            yield kind
+            yield from _nested(kind)
+
+
+def ros_name(cls: type) -> str:
+    """Schema name of a message class."""
+    return f"spsp_ctrl/msg/{cls.__name__}"
+
+
+def ros_schema(cls: type) -> str:
+    """``ros2msg`` text with the definitions of nested messages."""
+
+    def body(c: type) -> str:
+        return "".join(f"{_ROS.get(kind) or 'spsp_ctrl/' + kind.__name__} {name}\n" for name, kind in _fields(c))
+
+    text = body(cls)
+    for nested in dict.fromkeys(_nested(cls)):
+        text += f"{'=' * 80}\nMSG: spsp_ctrl/{nested.__name__}\n{body(nested)}"
+    return text
+
+
+def _flattener(cls: type) -> Callable[[Any], tuple[Any, ...]]:
+    """A function that turns a message into the flat tuple of its leaves (made from text once, as ``namedtuple`` itself does)."""
+
+    def parts(c: type, path: str) -> list[str]:
+        if all(kind in _CODE for _, kind in _fields(c)):
+            return [f"*{path}"]
+        return [
+            item
+            for i, (_, kind) in enumerate(_fields(c))
+            for item in ([f"{path}[{i}]"] if kind in _CODE else parts(kind, f"{path}[{i}]"))
+        ]
+
+    space: dict[str, Any] = {}
+    exec(f"def flatten(m):\n    return ({', '.join(parts(cls, 'm'))},)", space)  # text built from our own class names only
+    flatten: Callable[[Any], tuple[Any, ...]] = space["flatten"]
+    return flatten
+
+
+def _unflattener(cls: type) -> Callable[[tuple[Any, ...]], Any]:
+    """The inverse: leaves to nested messages."""
+    space: dict[str, Any] = {}
+    position = 0
+
+    def expression(c: type) -> str:
+        nonlocal position
+        space[c.__name__] = c
+        items = []
+        for _, kind in _fields(c):
+            if kind in _CODE:
+                items.append(f"v[{position}]")
+                position += 1
+            else:
+                items.append(expression(kind))
+        return f"{c.__name__}({', '.join(items)})"
+
+    text = f"def build(v):\n    return {expression(cls)}"
+    exec(text, space)
+    build: Callable[[tuple[Any, ...]], Any] = space["build"]
+    return build
+
+
+@dataclass(frozen=True, slots=True)
+class Codec:
+    """How one message class lies in the log."""
+
+    cls: type
+    layout: struct.Struct
+    flatten: Callable[[Any], tuple[Any, ...]]
+    build: Callable[[tuple[Any, ...]], Any]
+    dtype: np.dtype[Any]
+
+    def encode(self, message: NamedTuple) -> bytes:
+        """CDR payload."""
+        return self.layout.pack(HEADER, *self.flatten(message))
+
+    def decode(self, payload: bytes) -> Any:
+        """Message from a CDR payload."""
+        return self.build(self.layout.unpack(payload)[1:])
+
+
+def _codec(cls: type) -> Codec:
+    code, offset, offsets, names, formats = "<4s", 0, [], [], []
+    for name, kind in _leaves(cls):
+        size = struct.calcsize("<" + _CODE[kind])
+        pad = -offset % size
+        code += "x" * pad + _CODE[kind]
+        offset += pad
+        offsets.append(offset + len(HEADER))
+        names.append(name)
+        formats.append(_NUMPY[kind])
+        offset += size
+    layout = struct.Struct(code)
+    dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": layout.size})
+    return Codec(cls, layout, _flattener(cls), _unflattener(cls), dtype)
+
+
+TOPICS: dict[str, Codec] = {
+    "/measurement": _codec(Measurement),
+    "/control": _codec(Control),
+    "/timing": _codec(Timing),
+    "/truth": _codec(Truth),
+}
+CYCLIC = tuple(TOPICS)
+
+EVENT_SCHEMA = {
+    "title": "spsp_ctrl.Event",
+    "type": "object",
+    "properties": {
+        "stamp_ns": {"type": "integer"},
+        "level": {"type": "string", "enum": ["info", "warning", "error"]},
+        "id": {"type": "string"},
+        "text": {"type": "string"},
+    },
+    "required": ["stamp_ns", "level", "id", "text"],
+}
+OPERATOR_SCHEMA = {
+    "title": "spsp_ctrl.OperatorRequest",
+    "type": "object",
+    "properties": {
+        "stamp_ns": {"type": "integer"},
+        "verb": {"type": "string"},
+        "value": {"type": "number"},
+        "source": {"type": "string"},
+    },
+    "required": ["stamp_ns", "verb", "value", "source"],
+}
+JSON_TOPICS: dict[str, dict[str, Any]] = {"/events": EVENT_SCHEMA, "/operator": OPERATOR_SCHEMA}

@@ -1,0 +1,190 @@
+"""The recorder at the loop: packs a cycle and hands batches to the writer process. In real time it never waits."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from spsp_ctrl.messages import Control, Measurement, OperatorRequest, Timing, Truth
+from spsp_ctrl.recording.schema import HEADER, JSON_TOPICS, TOPICS
+from spsp_ctrl.recording.writer_process import ATTACHMENT, FRAME, MESSAGE, METADATA, TOPIC_NAMES
+
+BATCH_REAL_TIME = 10
+"""Cycles per hand-over: 10 ms of log are lost at the most when the controller is killed, on top of an open chunk of 50 ms."""
+BATCH_LOCK_STEP = 64
+BACKLOG_BYTES = 8 << 20
+PIPE_BYTES = 1 << 20
+CLOSE_TIMEOUT_S = 60.0
+_MEASUREMENT, _CONTROL, _TIMING, _TRUTH = (TOPICS[t] for t in ("/measurement", "/control", "/timing", "/truth"))
+
+
+class RecorderStats(NamedTuple):
+    """What became of the records."""
+
+    records: int
+    lost: int
+    problem: str
+
+
+class RecorderError(Exception):
+    """The log cannot be started."""
+
+
+class Recorder:
+    """Writes ``path`` through a process of its own. Problems are counted and reported at the end, never raised into the loop."""
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        real_time: bool,
+        attachments: Mapping[str, str] | None = None,
+        metadata: Mapping[str, Mapping[str, str]] | None = None,
+    ) -> None:
+        command = [sys.executable, "-m", "spsp_ctrl.recording.writer_process", str(path)]
+        try:
+            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+        except OSError as error:
+            raise RecorderError(f"the log writer cannot be started: {error}") from None
+        assert self._process.stdin is not None
+        self._fd = self._process.stdin.fileno()
+        with contextlib.suppress(OSError, AttributeError):
+            fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        os.set_blocking(self._fd, not real_time)
+        self._real_time = real_time
+        self._every = BATCH_REAL_TIME if real_time else BATCH_LOCK_STEP
+        self._batch: list[bytes] = []
+        self._batched = 0
+        self._backlog: deque[tuple[bytes, int]] = deque()
+        self._backlog_bytes = 0
+        self._cycles = 0
+        self._sequence = dict.fromkeys(TOPIC_NAMES, 0)
+        self.records = 0
+        self.lost = 0
+        self._problem = ""
+        self._closed = False
+        self._heads = [
+            FRAME.pack(MESSAGE, i, 0, 0, codec.layout.size)[:3] for i, codec in enumerate(TOPICS.values())
+        ]
+        for name, text in (attachments or {}).items():
+            self._frame(ATTACHMENT, name.encode() + b"\0" + text.encode())
+        for name, values in (metadata or {}).items():
+            self.metadata(name, values)
+        self._hand_over()
+
+    def record_cycle(self, measurement: Measurement, control: Control, timing: Timing, truth: Truth | None) -> None:
+        """One cycle: three or four messages of one log time."""
+        t = measurement.stamp_ns
+        k = self._cycles
+        self._cycles = k + 1
+        head = FRAME.pack
+        m, c, g = _MEASUREMENT.layout, _CONTROL.layout, _TIMING.layout
+        add = self._batch.append
+        add(head(MESSAGE, 0, t, k, m.size))
+        add(m.pack(HEADER, *_MEASUREMENT.flatten(measurement)))
+        add(head(MESSAGE, 1, t, k, c.size))
+        add(c.pack(HEADER, *_CONTROL.flatten(control)))
+        add(head(MESSAGE, 2, t, k, g.size))
+        add(g.pack(HEADER, *timing))
+        self._batched += 3
+        if truth is not None:
+            h = _TRUTH.layout
+            add(head(MESSAGE, 3, t, k, h.size))
+            add(h.pack(HEADER, *truth))
+            self._batched += 1
+        if self._cycles % self._every == 0:
+            self._hand_over()
+
+    def event(self, stamp_ns: int, level: str, id: str, text: str) -> None:
+        """Something happened."""
+        self._json("/events", stamp_ns, {"stamp_ns": stamp_ns, "level": level, "id": id, "text": text})
+
+    def operator(self, request: OperatorRequest) -> None:
+        """The operator asked for something."""
+        self._json("/operator", request.stamp_ns, request._asdict())
+
+    def metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Facts about the session."""
+        self._frame(METADATA, json.dumps([name, dict(values)]).encode())
+
+    def counts(self) -> tuple[int, int]:
+        """Messages handed over and lost so far."""
+        return self.records, self.lost
+
+    def close(self) -> RecorderStats:
+        """Hand over the rest, wait for the writer, and say what became of the records."""
+        if self._closed:
+            return RecorderStats(self.records, self.lost, self._problem)
+        self._closed = True
+        with contextlib.suppress(OSError):
+            os.set_blocking(self._fd, True)
+        self._real_time = False
+        self._hand_over()
+        stream = self._process.stdin
+        assert stream is not None
+        with contextlib.suppress(OSError):
+            stream.close()
+        try:
+            self._process.wait(CLOSE_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._problem = self._problem or "the log writer did not finish in time"
+        complaint = self._process.stderr.read().decode(errors="replace").strip() if self._process.stderr else ""
+        if self._process.stderr:
+            self._process.stderr.close()
+        if self._process.returncode and not self._problem:
+            self._problem = complaint.splitlines()[-1] if complaint else f"the log writer ended with {self._process.returncode}"
+        return RecorderStats(self.records, self.lost, self._problem)
+
+    def _json(self, topic: str, stamp_ns: int, value: Mapping[str, object]) -> None:
+        payload = json.dumps(value).encode()
+        sequence = self._sequence[topic]
+        self._sequence[topic] = sequence + 1
+        number = TOPIC_NAMES.index(topic)
+        self._batch.append(FRAME.pack(MESSAGE, number, max(stamp_ns, 0), sequence, len(payload)) + payload)
+        self._batched += 1
+
+    def _frame(self, kind: int, payload: bytes) -> None:
+        self._batch.append(FRAME.pack(kind, 0, 0, 0, len(payload)) + payload)
+
+    def _hand_over(self) -> None:
+        if self._batch:
+            block = b"".join(self._batch)
+            if self._problem or self._backlog_bytes + len(block) > BACKLOG_BYTES:
+                self.lost += self._batched
+            else:
+                self._backlog.append((block, self._batched))
+                self._backlog_bytes += len(block)
+            self._batch.clear()
+            self._batched = 0
+        while self._backlog:
+            block, count = self._backlog[0]
+            try:
+                written = os.write(self._fd, block)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                self._problem = f"the log writer has died ({error.strerror})"
+                self.lost += sum(n for _, n in self._backlog)
+                self._backlog.clear()
+                self._backlog_bytes = 0
+                return
+            self._backlog_bytes -= written
+            if written == len(block):
+                self._backlog.popleft()
+                self.records += count
+            else:
+                self._backlog[0] = (block[written:], count)
+                if self._real_time:
+                    return
+
+
+assert set(JSON_TOPICS) <= set(TOPIC_NAMES)
