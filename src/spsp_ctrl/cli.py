@@ -141,7 +141,7 @@ def run(
 
     attachments = {name: data.decode("utf-8", "replace") for name, data in result.log.attachments.items()}
     data = RunData(result.log.topics, result.log.events, result.log.metadata, attachments)
-    write_report(folder / "report.html", data, result.summary)
+    write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
     if as_json:
         click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:

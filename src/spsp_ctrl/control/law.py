@@ -221,7 +221,7 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
                 wy_azimuth -= e.base_rate_y_rad_s
             azimuth_wanted = (wz * cos(joint_roll) - wy_azimuth * sin(joint_roll)) / cos(joint_pitch)
             azimuth_ff = azimuth_wanted - azimuth_p - heading_integral
-            dp, dr = body_to_tilt_rates(joint_pitch, joint_roll, wx, wy, e.azimuth_rate_rad_s)
+            dp, dr = body_to_tilt_rates(joint_pitch, joint_roll, wx, wy, state.azimuth_rate)
             ff_pitch, ff_roll = dp - rate_pitch, dr - rate_roll
             wanted1 = j11 * dp
             wanted2 = j21 * dp + j22 * dr

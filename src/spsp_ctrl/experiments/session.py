@@ -18,7 +18,7 @@ from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments import summary as figures
 from spsp_ctrl.messages import Control, Measurement, OperatorRequest, Timing, Truth
 from spsp_ctrl.recording.reader import LogData, read_log
-from spsp_ctrl.recording.writer import Recorder
+from spsp_ctrl.recording.writer import Recorder, RecorderStats
 from spsp_ctrl.rig.base import Rig
 from spsp_ctrl.rig.factory import build_rig
 from spsp_ctrl.runtime import cycle
@@ -143,7 +143,7 @@ def run_session(
     for name, text in files.items():
         (folder / name).write_text(text, encoding="utf-8")
     mode = "real-time" if plan.real_time else "lock-step"
-    about = versions() | {
+    about = {
         "law": config.control.law,
         "law_digest": law_digest(),
         "seed": str(plan.seed),
@@ -157,7 +157,7 @@ def run_session(
         "firmware": identity.firmware,
         "virtual": str(identity.virtual).lower(),
     }
-    recorder = Recorder(folder / LOG_NAME, real_time=plan.real_time, attachments=files, metadata={"run": about})
+    recorder = Recorder(folder / LOG_NAME, real_time=plan.real_time, attachments=files, metadata={"run": about, "versions": versions()})
     watched = _Watched(recorder, watcher) if watcher is not None else recorder
     clock = MonotonicClock(period_ns) if plan.real_time else LockStepClock(period_ns)
     controller = cycle.controller(config)
@@ -184,14 +184,14 @@ def run_session(
         recorder.metadata("result", {"realtime_granted": json.dumps(realtime.granted)})
         stats = recorder.close()
     log = read_log(folder / LOG_NAME)
-    summary = summarise(plan, log, result, realtime.granted, stats.records, stats.lost)
+    summary = summarise(plan, log, result, realtime.granted, stats)
     text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
     (folder / "summary.json").write_text(text, encoding="utf-8")
     return SessionResult(folder, summary, log, result)
 
 
 def summarise(
-    plan: Plan, log: LogData, result: LoopResult, granted: dict[str, Any], records: int, lost: int
+    plan: Plan, log: LogData, result: LoopResult, granted: dict[str, Any], stats: RecorderStats
 ) -> dict[str, Any]:
     """``summary.json`` of a run."""
     config, scenario = plan.config, plan.scenario
@@ -209,7 +209,7 @@ def summarise(
     }
     summary |= figures.errors(log.topics, scenario.settle_s, scenario.duration_s)
     summary["timing_us"] = figures.timing(log.topics)
-    summary["log"] = {"records": records, "lost": lost}
+    summary["log"] = {"records": stats.records, "lost": stats.lost, "problem": stats.problem}
     summary["realtime_granted"] = granted
     summary["acceptance"] = figures.acceptance(scenario.acceptance, summary)
     return summary

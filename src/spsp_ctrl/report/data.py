@@ -37,6 +37,15 @@ class RunData:
     metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     attachments: Mapping[str, str] = field(default_factory=dict)
 
+    def until(self, t_s: float) -> RunData:
+        """The run up to ``t_s`` of the control clock: leaves the final stop out of the figures; events stay."""
+        last_ns = round(t_s * 1e9)
+        topics = {
+            name: rows[rows["stamp_ns"] <= last_ns] if "stamp_ns" in (rows.dtype.names or ()) else rows
+            for name, rows in self.topics.items()
+        }
+        return RunData(topics, self.events, self.metadata, self.attachments)
+
 
 @dataclass(frozen=True)
 class Series:
