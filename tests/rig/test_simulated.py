@@ -6,12 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from tests.rig_contract import PERIOD_NS, Factory, contract, drive
 
 from spsp_ctrl.config.loader import load_rig, load_scenario
 from spsp_ctrl.config.scenario import Dropout
 from spsp_ctrl.plant.model import load_model
 from spsp_ctrl.rig.simulated import SimulatedRig
-from tests.rig_contract import PERIOD_NS, Factory, contract, drive
 
 CONFIG = Path(__file__).parents[2] / "config"
 RIG = load_rig(CONFIG / "rig.yaml").model

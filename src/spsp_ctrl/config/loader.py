@@ -175,7 +175,7 @@ def load_yaml_model(path: Path, model: type[M], schema: str) -> Loaded[M]:
 
 
 def _validate(path: Path, data: dict[str, Any], marks: dict[Location, tuple[int, int]], model: type[M]) -> Loaded[M]:
-    loaded: Loaded[Any] = Loaded(None, path, data, marks)  # type: ignore[arg-type]
+    loaded: Loaded[Any] = Loaded(None, path, data, marks)
     try:
         checked = model.model_validate(data)
     except ValidationError as error:

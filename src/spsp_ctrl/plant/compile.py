@@ -52,7 +52,7 @@ def _load_njit() -> Callable[..., Any] | None:
         import numba
     except ImportError:
         return None
-    numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
+    numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]  # type: ignore[attr-defined]  # set by name at import
     return cast("Callable[..., Any]", numba.njit)
 
 

@@ -83,7 +83,7 @@ GLOBAL_PARAMETERS = GLOBAL_BASE + tuple(q for e in EFFECTS if not e.per_axis for
 
 
 def _indices(type_name: str, names: tuple[str, ...], start: int = 0) -> Any:
-    return namedtuple(type_name, names)(*range(start, start + len(names)))  # type: ignore[misc]
+    return namedtuple(type_name, names)(*range(start, start + len(names)))
 
 
 N_AXIS_PARAMETERS = len(AXIS_PARAMETERS)

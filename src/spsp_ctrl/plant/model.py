@@ -53,9 +53,9 @@ class ModelFile(Strict):
     kind: Literal["platform"] = "platform"
     actuator: dict[str, Quantity]
     """Both actuators."""
-    pitch_actuator: dict[str, Quantity] = {}
+    pitch_actuator: dict[str, Quantity] = Field(default_factory=dict)
     """Overrides for the pitch leg."""
-    roll_actuator: dict[str, Quantity] = {}
+    roll_actuator: dict[str, Quantity] = Field(default_factory=dict)
     """Overrides for the roll leg."""
     rig: dict[str, Quantity]
     """Mechanism, azimuth drive, temperatures, IMU."""

@@ -40,7 +40,7 @@ class SwingTable:
     """Base motion of a session; deterministic for a seed.
 
     ``arm_m`` is the height of the U-joint centre (pivot) above the point where the swing axes meet, along the z axis of
-    the base. Raises ``ValueError`` for a rate that is not positive or a roughness band upside down.
+    the base. Raises ``ValueError`` for a rate that is not positive.
     """
 
     def __init__(self, motion: BaseMotion, rate_hz: int, seed: int, arm_m: float = 0.45) -> None:
@@ -130,11 +130,6 @@ def _waves(sines: tuple[Sine, ...], roughness: Roughness | None, seed: np.random
     omega = [2.0 * pi / s.period_s for s in sines]
     phase = [radians(s.phase_deg) for s in sines]
     if roughness is not None and roughness.rms_arcmin > 0.0:
-        if roughness.high_hz < roughness.low_hz:
-            raise ValueError(
-                f"roughness band of the base motion is upside down: low_hz {roughness.low_hz:g} is above "
-                f"high_hz {roughness.high_hz:g}"
-            )
         rng = np.random.Generator(np.random.PCG64(seed))
         # one frequency at random in each of equal parts of the band: flat, no gap, and no common period
         part = (np.arange(ROUGHNESS_SINES) + rng.uniform(size=ROUGHNESS_SINES)) / ROUGHNESS_SINES

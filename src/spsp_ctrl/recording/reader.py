@@ -139,7 +139,8 @@ def _same_layout(path: Path, topic: str, codec: Codec, schema: Schema | None) ->
         found = theirs[line] if line < len(theirs) else "nothing"
         if expected != found:
             raise LogError(
-                f"{path}: {topic} has another layout than this version of spsp-ctrl: line {line + 1} of its schema is {found!r}, expected {expected!r}"
+                f"{path}: {topic} has another layout than this version of spsp-ctrl: "
+                f"line {line + 1} of its schema is {found!r}, expected {expected!r}"
             )
 
 

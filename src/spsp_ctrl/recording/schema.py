@@ -1,7 +1,7 @@
 """Messages as CDR with ROS 2 schemas: one codec for every NamedTuple of ``messages``.
 
-A message is laid out field by field in little-endian CDR (float -> float64, int -> int64, bool -> bool, a nested message in place), so a payload has a
-fixed size and a log of one topic is an array.
+A message is laid out field by field in little-endian CDR (float -> float64, int -> int64, bool -> bool, a nested message in
+place), so a payload has a fixed size and a log of one topic is an array.
 """
 
 from __future__ import annotations

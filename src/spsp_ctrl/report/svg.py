@@ -116,10 +116,8 @@ def decimate_minmax(t: FloatArray, y: FloatArray, columns: int = COLUMNS) -> NDA
         return finite
     times, values = t[finite], y[finite]
     start, span = float(times.min()), float(np.ptp(times))
-    if span <= 0.0:
-        slot = np.zeros(len(finite), dtype=np.int64)
-    else:
-        slot = np.minimum(((times - start) / span * columns).astype(np.int64), columns - 1)
+    scale = columns / span if span > 0.0 else 0.0
+    slot = np.minimum(((times - start) * scale).astype(np.int64), columns - 1)
     order = np.lexsort((values, slot))  # by slot, inside a slot by value: its ends are the minimum and the maximum
     edges = np.flatnonzero(np.diff(slot[order])) + 1
     lowest = order[np.concatenate(([0], edges))]

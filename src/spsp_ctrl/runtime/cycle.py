@@ -43,9 +43,9 @@ _IMU_STALE = BY_ID["imu-stale"]
 _TRAVEL_SWITCH = BY_ID["travel-switch"]
 _USABLE = (None, _IMU_STALE, _TRAVEL_SWITCH)
 """Faults in which actuators can still be believed, so that the estimate goes on and braking works."""
-_NO_ESTIMATE = Estimate(*(0.0,) * (len(Estimate._fields) - 1), False)
-_NO_AXIS = AxisTerms(*(0.0,) * (len(AxisTerms._fields) - 1), 0)
-_NO_AZIMUTH = AzimuthTerms(*(0.0,) * (len(AzimuthTerms._fields) - 1), 0)
+_NO_ESTIMATE: Estimate = _new(Estimate, ((0.0,) * (len(Estimate._fields) - 1) + (False,)))
+_NO_AXIS: AxisTerms = _new(AxisTerms, ((0.0,) * (len(AxisTerms._fields) - 1) + (0,)))
+_NO_AZIMUTH: AzimuthTerms = _new(AzimuthTerms, ((0.0,) * (len(AzimuthTerms._fields) - 1) + (0,)))
 
 
 class Controller(NamedTuple):

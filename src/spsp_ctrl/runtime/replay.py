@@ -1,7 +1,7 @@
 """Replay: recorded inputs through the same law, commands compared bit for bit.
 
-With the law's own digest in the log equal to that of this program every difference counts. With another digest the comparison is to 1e-9 relative, and the
-result says so.
+With the law's own digest in the log equal to that of this program every difference counts. With another digest the comparison is
+to 1e-9 relative, and the result says so.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def replay(
 def _compare(recorded: Control, replayed: Control, exact: bool) -> Difference | None:
     if recorded.command == replayed.command and recorded.mode == replayed.mode and recorded.fault == replayed.fault:
         return None
-    pairs = [("mode", recorded.mode, int(replayed.mode)), ("fault", recorded.fault, replayed.fault)]
+    pairs: list[tuple[str, float, float]] = [("mode", recorded.mode, int(replayed.mode)), ("fault", recorded.fault, replayed.fault)]
     pairs += [
         (f"command.{name}", a, b)
         for name, a, b in zip(Command._fields, recorded.command, replayed.command, strict=True)

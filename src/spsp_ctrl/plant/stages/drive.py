@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import exp
 
 from spsp_ctrl.plant.arrays import Array
-
 from spsp_ctrl.plant.effects.base import stage
 from spsp_ctrl.plant.effects.cogging import cogging_torque
 from spsp_ctrl.plant.effects.motor_friction import lugre

@@ -1,0 +1,78 @@
+"""``spsp-ctrl log``: look into a log, export or repair it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from spsp_ctrl.cli.common import JSON, guarded
+
+
+@click.group()
+def log() -> None:
+    """Look into a log, export or repair it."""
+
+
+LOG = click.argument("path", metavar="LOG", type=click.Path(path_type=Path))
+
+
+@log.command("info", epilog="Example: spsp-ctrl log info runs/20260101T120000Z/run.mcap")
+@LOG
+@JSON
+@guarded
+def log_info(path: Path, as_json: bool) -> None:
+    """What is in a log: duration, topics, gaps, whether it is complete. Reads unfinished files too."""
+    from spsp_ctrl.recording.logtools import info
+
+    found = info(path)
+    click.echo(json.dumps(found.to_dict(), indent=2) if as_json else "\n".join(found.lines()))
+
+
+FIELDS = click.option("--field", "-f", "fields", multiple=True, help="Only this field, e.g. estimate.platform_pitch_rad.")
+TOPIC = click.argument("topic", default="/control")
+FORCE = click.option("--force", is_flag=True, help="Replace an existing file.")
+
+
+@log.command("cat", epilog="Example: spsp-ctrl log cat run.mcap /control -f stamp_ns -f pitch.u_a --limit 5")
+@LOG
+@TOPIC
+@FIELDS
+@click.option("--start", default=0.0, metavar="S", help="From this time on.")
+@click.option("--end", default=1e12, metavar="S", help="Up to this time.")
+@click.option("--limit", default=1000, type=click.IntRange(1), help="At most so many messages (default 1000).")
+@guarded
+def log_cat(path: Path, topic: str, fields: tuple[str, ...], start: float, end: float, limit: int) -> None:
+    """Print messages of one topic as JSON lines."""
+    from spsp_ctrl.recording.logtools import cat
+
+    for row in cat(path, topic, fields, start, end, limit):
+        click.echo(json.dumps(row))
+
+
+@log.command("export", epilog="Example: spsp-ctrl log export run.mcap /control --out control.csv")
+@LOG
+@TOPIC
+@click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="CSV file to write.")
+@FIELDS
+@FORCE
+@guarded
+def log_export(path: Path, topic: str, out: Path, fields: tuple[str, ...], force: bool) -> None:
+    """Write one topic as CSV; units are in the column names."""
+    from spsp_ctrl.recording.logtools import export_csv
+
+    click.echo(f"{out}: {export_csv(path, topic, out, fields, force=force)} rows")
+
+
+@log.command("repair", epilog="Example: spsp-ctrl log repair run.mcap --out repaired.mcap")
+@LOG
+@click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="Finished copy to write.")
+@FORCE
+@guarded
+def log_repair(path: Path, out: Path, force: bool) -> None:
+    """Make a finished copy of an unfinished or damaged log with everything that is readable."""
+    from spsp_ctrl.recording.logtools import repair
+
+    kept, problem = repair(path, out, force=force)
+    click.echo(f"{out}: {kept} messages kept" + (f"; the input was damaged: {problem}" if problem else "; the input was complete"))

@@ -1,0 +1,147 @@
+"""``spsp-ctrl run`` and ``spsp-ctrl replay``."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from spsp_ctrl.cli.common import CONFIG, EXIT_DATA, EXIT_INTERRUPTED, EXIT_RIG, EXIT_ROW_FAILED, JSON, OVERRIDE, bar, guarded
+
+if TYPE_CHECKING:
+    from spsp_ctrl.config.rig import RigConfig
+    from spsp_ctrl.config.scenario import Scenario
+    from spsp_ctrl.experiments.session import Plan, Watcher
+
+
+@click.command(epilog="Example: spsp-ctrl run --config config/rig.yaml --fast --duration 20")
+@CONFIG
+@OVERRIDE
+@click.option("--scenario", type=click.Path(path_type=Path), help="Play this scenario instead of the rig file's own.")
+@click.option("--duration", type=click.FloatRange(0.1, 86400.0), metavar="S", help="Seconds to run.")
+@click.option("--fast", is_flag=True, help="Lock-step, as fast as the computer allows, instead of real time.")
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the virtual rig.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder; default runs/<UTC time>.")
+@click.option("--strict", is_flag=True, help="Exit with 1 when an acceptance row fails.")
+@click.option("--no-screen", is_flag=True, help="No live screen in real time.")
+@JSON
+@guarded
+def run(
+    config: Path,
+    overrides: tuple[str, ...],
+    scenario: Path | None,
+    duration: float | None,
+    fast: bool,
+    seed: int | None,
+    out: Path | None,
+    strict: bool,
+    no_screen: bool,
+    as_json: bool,
+) -> None:
+    """Run the controller on the rig and leave a folder that explains the run.
+
+    The folder holds the log (run.mcap), the resolved rig, scenario and model files, summary.json and report.html. Ctrl-C brakes the platform,
+    disables the drives and keeps everything recorded.
+    """
+    plan = _plan(config, overrides, scenario, duration, seed, real_time=not fast)
+    from spsp_ctrl.experiments import session
+
+    say = _progress_line(as_json)
+    say("preparing the rig (the first start compiles the plant, about 10 s) ...")
+    rig = session.prepare(plan)
+    folder = session.new_folder(out)
+    with _watch(plan, fast, as_json or no_screen) as watcher:
+        result = session.run_session(plan, rig, folder, watcher, say)
+
+    from spsp_ctrl.report.data import RunData
+    from spsp_ctrl.report.run_report import write_report
+
+    attachments = {name: data.decode("utf-8", "replace") for name, data in result.log.attachments.items()}
+    data = RunData(result.log.topics, result.log.events, result.log.metadata, attachments)
+    write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
+    if as_json:
+        click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
+    else:
+        from rich.console import Console
+
+        from spsp_ctrl.report.summary_table import print_summary
+
+        print_summary(result.summary, Console(), folder)
+    ended = result.loop.ended
+    if ended.startswith("fault"):
+        raise SystemExit(EXIT_RIG)
+    if ended == "interrupted":
+        raise SystemExit(EXIT_INTERRUPTED)
+    if strict and not all(row["pass"] for row in result.summary["acceptance"]):
+        raise SystemExit(EXIT_ROW_FAILED)
+
+
+def _plan(
+    path: Path, overrides: tuple[str, ...], scenario: Path | None, duration: float | None, seed: int | None, real_time: bool
+) -> Plan:
+    """Every file read and judged, before anything moves or is written."""
+    from spsp_ctrl.config.loader import apply_overrides, load_rig, load_scenario, resolve_reference
+    from spsp_ctrl.experiments.session import Plan
+
+    loaded = load_rig(path)
+    if overrides:
+        loaded = apply_overrides(loaded, overrides)
+    rig: RigConfig = loaded.model
+    scenario_path = scenario or resolve_reference(loaded, ("scenario",))
+    model_path = resolve_reference(loaded, ("rig", "model"))
+    plan: Scenario = load_scenario(scenario_path).model
+    if duration is not None:
+        plan = plan.model_copy(update={"duration_s": duration})
+    return Plan(rig, plan, model_path, rig.rig.seed if seed is None else seed, real_time)
+
+
+def _progress_line(quiet: bool) -> Callable[[str], None]:
+    if quiet:
+        return lambda text: None
+    return lambda text: click.echo(text, err=True)
+
+
+@contextlib.contextmanager
+def _watch(plan: Plan, fast: bool, quiet: bool) -> Iterator[Watcher | None]:
+    """The live screen in real time, a progress bar in lock-step, nothing when nobody looks."""
+    from spsp_ctrl.report import watching
+
+    if quiet:
+        yield None
+    elif fast:
+        with watching.progress_bar(plan.scenario.duration_s) as watcher:
+            yield watcher
+    else:
+        with watching.live_screen(plan.config, plan.scenario) as watcher:
+            yield watcher
+
+
+@click.command(epilog="Example: spsp-ctrl replay runs/20260101T120000Z/run.mcap")
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--config", "-c", type=click.Path(path_type=Path), help="Rig file to use instead of the recorded one.")
+@OVERRIDE
+@JSON
+@guarded
+def replay(log: Path, config: Path | None, overrides: tuple[str, ...], as_json: bool) -> None:
+    """Feed the recorded inputs of a run to the law again and compare its commands bit for bit."""
+    from spsp_ctrl.experiments.replaying import replay_log
+
+    with bar("replaying", as_json) as advance:
+        result = replay_log(log, config, overrides, advance)
+    if as_json:
+        click.echo(json.dumps(result.to_dict(), indent=2))
+    else:
+        how = "bit for bit" if result.exact else "to 1e-9 (the log comes from another build of the law)"
+        click.echo(f"{result.cycles} cycles, {result.active_cycles} of them ACTIVE, compared {how}")
+        click.echo(f"{result.differing_cycles} cycles differ" if result.first else "0 differences")
+        if result.first:
+            click.echo(str(result.first))
+    if result.first:
+        raise SystemExit(EXIT_ROW_FAILED)
+    if result.active_cycles == 0:
+        click.echo("the run was never ACTIVE: a replay of it proves nothing about the law", err=True)
+        raise SystemExit(EXIT_DATA)
