@@ -83,8 +83,8 @@ def test_default_law_holds_level_on_the_swinging_table_and_is_not_a_hidden_ideal
     assert np.degrees(np.ptp(swing["base_pitch_rad"])) == pytest.approx(12.0, abs=0.1)
 
 
-def test_paper_cascade_lands_where_the_paper_does() -> None:
-    result, topics = run("control.law=paper_cascade")
+def test_cascade_lands_where_the_paper_does() -> None:
+    result, topics = run("control.law=cascade")
     assert result.ended == "completed"
     figures = summary.errors(topics, SWING.settle_s, SWING.duration_s)
     for axis in ("pitch", "roll"):

@@ -114,7 +114,7 @@ def synthetic_run(
             del figures["true_max"], figures["true_rms"]
     summary: dict[str, Any] = {
         "duration_s": duration_s, "rate_hz": rate_hz, "seed": seed, "rig": "Virtual rig", "scenario": "swing_2dof",
-        "law": "base_rate_ff", "mode": "real-time", "settle_s": 6.0, "virtual": True,
+        "law": "stabiliser", "mode": "real-time", "settle_s": 6.0, "virtual": True,
         "ended": "fault: IMU silent" if bad else "completed",
         "error_arcmin": errors,
         "azimuth_error_deg": {"true_max": 0.03, "true_rms": 0.02, "imu_max": 0.06, "imu_rms": 0.024},

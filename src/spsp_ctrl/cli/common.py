@@ -66,7 +66,7 @@ OVERRIDE = click.option(
     "overrides",
     multiple=True,
     metavar="KEY=VALUE",
-    help="Change one value of the rig file, e.g. control.law=paper_cascade. May be repeated.",
+    help="Change one value of the rig file, e.g. control.law=cascade. May be repeated.",
 )
 CONFIG = click.option(
     "--config", "-c", required=True, type=click.Path(path_type=Path), help="Rig file, e.g. config/rig.yaml."

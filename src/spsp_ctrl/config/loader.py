@@ -275,7 +275,7 @@ def apply_overrides(loaded: Loaded[M], overrides: Sequence[str]) -> Loaded[M]:
         name, separator, raw = text.partition("=")
         parts = name.strip().split(".")
         if not separator or not all(parts):
-            raise ConfigError([ConfigProblem(None, 0, 0, f"--set {text}: expected KEY=VALUE, e.g. control.law=paper_cascade")])
+            raise ConfigError([ConfigProblem(None, 0, 0, f"--set {text}: expected KEY=VALUE, e.g. control.law=cascade")])
         try:
             value = yaml.load(raw, Loader=_Loader)
         except yaml.YAMLError:

@@ -129,11 +129,11 @@ class HeadingLoop(Strict):
 class ControlConfig(Strict):
     """The law."""
 
-    law: Literal["base_rate_ff", "paper_cascade"] = "base_rate_ff"
+    law: Literal["stabiliser", "cascade"] = "stabiliser"
     observer: Observer
     speed: SpeedLoop
-    base_rate_ff: CascadeGains
-    paper_cascade: CascadeGains
+    stabiliser: CascadeGains
+    cascade: CascadeGains
     heading: HeadingLoop
 
 
