@@ -174,12 +174,18 @@ class Estimate(NamedTuple):
     """d l2 / d roll."""
     motor_pitch_rate_rad_s: float
     motor_roll_rate_rad_s: float
-    base_rate_x_rad_s: float
-    """Angular velocity that the base gives the platform, platform axes, predicted to now."""
-    base_rate_y_rad_s: float
-    base_rate_z_rad_s: float
-    base_accel_x_rad_s2: float
-    base_accel_y_rad_s2: float
+    motor_pitch_disturbance_rad_s2: float
+    """Acceleration of the motor that its current does not explain: friction, load, a wrong motor constant."""
+    motor_roll_disturbance_rad_s2: float
+    base_pitch_rad: float
+    """Tilt of the base, predicted to now (with everything that the kinematics does not know)."""
+    base_roll_rad: float
+    base_pitch_rate_rad_s: float
+    """Euler rates and accelerations of the base, predicted to when the command of this cycle acts."""
+    base_roll_rate_rad_s: float
+    base_yaw_rate_rad_s: float
+    base_pitch_accel_rad_s2: float
+    base_roll_accel_rad_s2: float
     imu_age_s: float
     coasting: bool
 

@@ -54,6 +54,12 @@ class Actuator(Strict):
     """Rotor and train, at the motor."""
     friction_nm: float = Field(default=0.0, ge=0.0, le=10.0)
     """Coulomb level used by the friction feed-forward."""
+    static_friction_nm: float = Field(default=0.0, ge=0.0, le=10.0)
+    """Break-away level; below ``friction_nm`` it is taken as equal to it."""
+    stribeck_rad_s: float = Field(default=6.0, gt=0.0, le=1000.0)
+    """Motor speed over which friction falls from break-away to Coulomb level."""
+    load_friction: float = Field(default=0.0, ge=0.0, le=5.0)
+    """Friction added per screw torque of the load: 0.35 for a ball screw, 1.3 for a trapezoidal one."""
 
 
 class AzimuthDrive(Strict):
@@ -98,24 +104,88 @@ class PositionLoop(Strict):
     td_s: float = Field(ge=0.0, le=1.0)
 
 
-class BaseRateFilter(Strict):
-    """Fixed-gain observer of base rate and base acceleration, one per axis, at the IMU rate."""
+class AttitudeGains(Strict):
+    """Kalman gains of the base observer on the attitude innovation (angle, rate, acceleration per angle)."""
+
+    l_angle: float = Field(ge=0.0, le=1.0)
+    l_rate_1_s: float = Field(ge=0.0, le=1e4)
+    l_accel_1_s2: float = Field(ge=0.0, le=1e6)
+
+
+class GyroGains(Strict):
+    """Kalman gains of the base observer on the gyro innovation (angle, rate, acceleration per rate)."""
+
+    l_angle_s: float = Field(ge=0.0, le=1.0)
+    l_rate: float = Field(ge=0.0, le=1.0)
+    l_accel_1_s: float = Field(ge=0.0, le=1e4)
+
+
+class YawGains(Strict):
+    """The same for base yaw, which has rate and acceleration only."""
 
     l_rate: float = Field(ge=0.0, le=1.0)
     l_accel_1_s: float = Field(ge=0.0, le=1e4)
+
+
+class AdaptiveFrequency(Strict):
+    """Learning of the swing frequency that the base observer predicts with."""
+
+    enabled: bool = True
+    memory_s: float = Field(default=4.0, ge=0.5, le=600.0)
+    rate_floor_deg_s: float = Field(default=0.3, gt=0.0, le=10.0)
+    """Rates (rms) below this teach nothing."""
+    period_min_s: float = Field(default=1.0, ge=0.2, le=60.0)
+
+
+class BaseObserver(Strict):
+    """Observer of the carrier from IMU minus joints; steady-state Kalman gains at the IMU rate."""
+
+    attitude: AttitudeGains
+    gyro: GyroGains
+    yaw: YawGains
     lead_ms: float = Field(default=0.0, ge=0.0, le=100.0)
-    """Prediction beyond "now": what the rod loop itself takes to follow."""
+    """Prediction beyond "now": until a command acts and the motor loop has followed."""
+    blanking_ms: float = Field(default=25.0, ge=0.0, le=200.0)
+    """IMU frames are not believed until this long after the take-up has crossed the gap."""
+    adaptive: AdaptiveFrequency = AdaptiveFrequency()
+
+
+class ScrewMapConfig(Strict):
+    """Learning of the periodic lead error from the innovations of the base observer."""
+
+    rate: float = Field(default=0.004, ge=0.0, le=0.1)
+    """LMS step per IMU frame."""
+    speed_mm_s: float = Field(default=3.0, gt=0.0, le=100.0)
+    """Slower than this nothing is learnt."""
+    limit_um: float = Field(default=20.0, gt=0.0, le=1000.0)
 
 
 class CascadeGains(Strict):
-    """One complete gain set."""
+    """Gains of the position loops."""
 
+    speed: SpeedLoop
     attitude: PositionLoop
     rod: float = Field(ge=0.0, le=1000.0, alias="rod_kp_1_s")
-    """Gain of the rod position loop used when the loop is closed on the resolvers."""
-    base_rate: BaseRateFilter | None = None
-    """Base-rate feed-forward from the gyro; absent = no feed-forward (the paper's plain cascade)."""
-    accel_feedforward: bool = False
+    """Gain of the rod position loop: used when the loop is closed on the resolvers."""
+
+
+class StabiliserTerms(Strict):
+    """What the stabiliser adds to the plain cascade, each with its switch."""
+
+    base_rate: bool = True
+    """Feed-forward of the base rate (gyro minus joints)."""
+    acceleration: bool = True
+    """Feed-forward of the base acceleration as motor current."""
+    base_observer: bool = True
+    """Rods follow the observed tilt of the base; off: attitude PID on the IMU."""
+    screw_map: bool = True
+    """Learning of the periodic lead error."""
+
+
+class StabiliserGains(CascadeGains):
+    """Gains and terms of the stabiliser."""
+
+    terms: StabiliserTerms = StabiliserTerms()
 
 
 class HeadingLoop(Strict):
@@ -131,8 +201,9 @@ class ControlConfig(Strict):
 
     law: Literal["stabiliser", "cascade"] = "stabiliser"
     observer: Observer
-    speed: SpeedLoop
-    stabiliser: CascadeGains
+    base: BaseObserver
+    screw_map: ScrewMapConfig = ScrewMapConfig()
+    stabiliser: StabiliserGains
     cascade: CascadeGains
     heading: HeadingLoop
 
@@ -169,10 +240,11 @@ class ThermalCompensation(Strict):
 
 
 class FrictionCompensation(Strict):
-    """Feed-forward of the motor-side Coulomb friction by the sign of the speed reference."""
+    """Feed-forward of the motor-side Coulomb friction by the travel of the speed reference."""
 
     enabled: bool = False
-    smooth_rad_s: float = Field(default=2.0, gt=0.0, le=100.0)
+    presliding_mrad: float = Field(default=7.0, gt=0.0, le=1000.0)
+    """Motor travel over which friction turns round after a reversal."""
 
 
 class Compensation(Strict):
