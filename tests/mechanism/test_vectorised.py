@@ -43,7 +43,10 @@ CASES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "body_to_tilt_rates": (frames, (PITCH, ROLL, *RATES[:3])),
     "euler_rates_to_body": (frames, (ROLL, PITCH, *RATES[:3])),
     "joint_references": (chain, (BASE, RATES[:3], HEADING, PITCH, ROLL, *RATES[3:6])),
-    "joint_accelerations": (
+    "joint_accels_to_body": (frames, (PITCH, ROLL, *RATES[:6])),
+    "body_to_joint_accels": (frames, (PITCH, ROLL, *RATES[:6])),
+    "joint_axes": (frames, (PITCH, ROLL)),
+    "joint_motion": (
         chain,
         (BASE, RATES[:3], RATES[6:9], HEADING, PITCH, ROLL, *RATES[3:6], *(0.7 * r for r in RATES[:3])),
     ),

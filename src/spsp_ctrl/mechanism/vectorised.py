@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spsp_ctrl.mechanism import chain as _chain
 from spsp_ctrl.mechanism import frames as _frames
 from spsp_ctrl.mechanism import kinematics as _kinematics
 
@@ -35,25 +36,26 @@ def _arctan2(y: Any, x: Any) -> Any:
 NUMPY: dict[str, Any] = {"sin": np.sin, "cos": np.cos, "sqrt": np.sqrt, "acos": np.arccos, "atan2": _arctan2}
 
 
+_SPACES: dict[str, dict[str, Any]] = {}
+
+
 def rebound(module: ModuleType) -> dict[str, Any]:
-    """Every function of ``module`` with numpy's functions in place of ``math``'s, those it calls included."""
+    """Every function of ``module`` with numpy's functions in place of ``math``'s, those it calls included.
+
+    What it imports from another mechanism module must have been rebound before.
+    """
     space: dict[str, Any] = {**vars(module), **NUMPY}
     for name, value in vars(module).items():
-        if isinstance(value, FunctionType) and value.__module__ == module.__name__:
-            copy = FunctionType(value.__code__, space, name, value.__defaults__, value.__closure__)
+        if not isinstance(value, FunctionType):
+            continue
+        if value.__module__ in _SPACES:
+            space[name] = _SPACES[value.__module__][value.__name__]
+        elif value.__module__ == module.__name__:
+            space[name] = copy = FunctionType(value.__code__, space, name, value.__defaults__, value.__closure__)
             copy.__doc__ = value.__doc__
-            copy.__kwdefaults__ = value.__kwdefaults__
-            space[name] = copy
+    _SPACES[module.__name__] = space
     return space
 
-
-_of_kinematics = rebound(_kinematics)
-rod_lengths: ArrayFunction = _of_kinematics["rod_lengths"]
-attitude_from_rods: ArrayFunction = _of_kinematics["attitude_from_rods"]
-jacobian: ArrayFunction = _of_kinematics["jacobian"]
-jacobian_rate: ArrayFunction = _of_kinematics["jacobian_rate"]
-rod_motion: ArrayFunction = _of_kinematics["rod_motion"]
-jacobian_gains: ArrayFunction = _of_kinematics["jacobian_gains"]
 
 _of_frames = rebound(_frames)
 multiply: ArrayFunction = _of_frames["multiply"]
@@ -66,8 +68,22 @@ joint_angles: ArrayFunction = _of_frames["joint_angles"]
 joint_axes: ArrayFunction = _of_frames["joint_axes"]
 joint_rates_to_body: ArrayFunction = _of_frames["joint_rates_to_body"]
 body_to_joint_rates: ArrayFunction = _of_frames["body_to_joint_rates"]
+joint_accels_to_body: ArrayFunction = _of_frames["joint_accels_to_body"]
+body_to_joint_accels: ArrayFunction = _of_frames["body_to_joint_accels"]
 body_to_tilt_rates: ArrayFunction = _of_frames["body_to_tilt_rates"]
 euler_rates_to_body: ArrayFunction = _of_frames["euler_rates_to_body"]
+
+_of_kinematics = rebound(_kinematics)
+rod_lengths: ArrayFunction = _of_kinematics["rod_lengths"]
+attitude_from_rods: ArrayFunction = _of_kinematics["attitude_from_rods"]
+jacobian: ArrayFunction = _of_kinematics["jacobian"]
+jacobian_rate: ArrayFunction = _of_kinematics["jacobian_rate"]
+rod_motion: ArrayFunction = _of_kinematics["rod_motion"]
+jacobian_gains: ArrayFunction = _of_kinematics["jacobian_gains"]
+
+_of_chain = rebound(_chain)
+joint_references: Callable[..., Any] = _of_chain["joint_references"]
+joint_motion: Callable[..., Any] = _of_chain["joint_motion"]
 
 
 def matrix(nine: tuple[Any, ...]) -> Array:
