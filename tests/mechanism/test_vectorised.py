@@ -45,6 +45,8 @@ CASES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "joint_references": (chain, (BASE, RATES[:3], HEADING, PITCH, ROLL, *RATES[3:6])),
     "joint_accels_to_body": (frames, (PITCH, ROLL, *RATES[:6])),
     "body_to_joint_accels": (frames, (PITCH, ROLL, *RATES[:6])),
+    "body_to_tilt_accels": (frames, (PITCH, ROLL, *RATES[:6])),
+    "level_motion": (chain, (BASE, RATES[:3], RATES[6:9], HEADING, RATES[3], RATES[4])),
     "joint_axes": (frames, (PITCH, ROLL)),
     "joint_motion": (
         chain,

@@ -106,11 +106,11 @@ def step(
     rate2 = roll.speed * p.roll.travel_per_rad_m - gap_roll.rate_m_s
     l1, l2 = p.level_m + rod1, p.level_m + rod2
     try:
-        joint_pitch, joint_roll = attitude_from_rods(l1, l2, p.height_m, p.radius_m, p.radius_m)
+        joint_pitch, joint_roll = attitude_from_rods(l1, l2, p.height_m, p.radius_m, p.static_radius_m)
     except ValueError:
         # no attitude has these rods (a resolver jumped): keep the last pose, the supervisor judges the jump
         joint_pitch, joint_roll = state.joint_pitch_rad, state.joint_roll_rad
-    j11, j21, j22 = jacobian(joint_pitch, joint_roll, l1, l2, p.height_m, p.radius_m, p.radius_m)
+    j11, j21, j22 = jacobian(joint_pitch, joint_roll, l1, l2, p.height_m, p.radius_m, p.static_radius_m)
     pitch_rate = rate1 / j11
     roll_rate = (rate2 - j21 * pitch_rate) / j22
     azimuth = m.azimuth.microsteps * p.rad_per_microstep

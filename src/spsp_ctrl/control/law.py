@@ -226,8 +226,8 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
             wanted1 = j11 * dp
             wanted2 = j21 * dp + j22 * dr
         else:
-            ref1, ref2 = rod_lengths(r.pitch_rad, r.roll_rad, p.height_m, p.radius_m, p.radius_m)
-            k11, k21, k22 = jacobian(r.pitch_rad, r.roll_rad, ref1, ref2, p.height_m, p.radius_m, p.radius_m)
+            ref1, ref2 = rod_lengths(r.pitch_rad, r.roll_rad, p.height_m, p.radius_m, p.static_radius_m)
+            k11, k21, k22 = jacobian(r.pitch_rad, r.roll_rad, ref1, ref2, p.height_m, p.radius_m, p.static_radius_m)
             ff_pitch, ff_roll = r.pitch_rate_rad_s, r.roll_rate_rad_s
             p1 = p.rod_kp * (ref1 - p.level_m - e.rod_pitch_m)
             p2 = p.rod_kp * (ref2 - p.level_m - e.rod_roll_m)

@@ -9,6 +9,7 @@ Plain scalar code, served to arrays by ``mechanism.vectorised``. Angles in rad, 
 
 from __future__ import annotations
 
+from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
 from spsp_ctrl.mechanism.frames import (
@@ -17,6 +18,8 @@ from spsp_ctrl.mechanism.frames import (
     apply,
     body_to_joint_accels,
     body_to_joint_rates,
+    body_to_tilt_accels,
+    body_to_tilt_rates,
     joint_accels_to_body,
     joint_angles,
     joint_rates_to_body,
@@ -112,3 +115,29 @@ def joint_motion(
         oz - az + wx * cy - wy * cx,
     )
     return JointMotion(*ref, azimuth_accel, p_accel, r_accel)
+
+
+def level_motion(
+    base: Matrix,
+    base_rate: Vector,
+    base_accel: Vector,
+    azimuth: float,
+    azimuth_rate: float,
+    azimuth_accel: float,
+) -> JointMotion:
+    """Joint motion that holds the platform level while azimuth moves by itself, or stands; the heading becomes what it becomes.
+
+    The platform's normal is the vertical: in the axes behind the azimuth joint it reads ``(sin p cos r, sin r, cos p cos r)``.
+    """
+    ca, sa = cos(azimuth), sin(azimuth)
+    nx, ny, nz = ca * base[6] + sa * base[7], ca * base[7] - sa * base[6], base[8]
+    p, r = atan2(nx, nz), atan2(ny, sqrt(nx * nx + nz * nz))
+    to_platform = transpose(rotation(azimuth, p, r))
+    cx, cy, cz = apply(to_platform, base_rate)
+    ax, ay, _ = apply(to_platform, base_accel)
+    p_rate, r_rate = body_to_tilt_rates(p, r, -cx, -cy, azimuth_rate)
+    wx, wy, wz = joint_rates_to_body(p, r, p_rate, r_rate, azimuth_rate)
+    p_accel, r_accel = body_to_tilt_accels(
+        p, r, p_rate, r_rate, azimuth_rate, wy * cz - wz * cy - ax, wz * cx - wx * cz - ay, azimuth_accel
+    )
+    return JointMotion(azimuth, p, r, azimuth_rate, p_rate, r_rate, azimuth_accel, p_accel, r_accel)

@@ -253,6 +253,27 @@ def body_to_tilt_rates(pitch: float, roll: float, wx: float, wy: float, azimuth_
     return pitch_rate, -(wx + azimuth_rate * sin(pitch))
 
 
+def body_to_tilt_accels(
+    pitch: float,
+    roll: float,
+    pitch_rate: float,
+    roll_rate: float,
+    azimuth_rate: float,
+    ax: float,
+    ay: float,
+    azimuth_accel: float,
+) -> tuple[float, float]:
+    """Joint accelerations (pitch, roll) that give the platform ``ax`` and ``ay`` (derivatives of ``wx`` and ``wy``) while
+    azimuth moves by itself; to :func:`body_to_tilt_rates` as :func:`body_to_joint_accels` is to
+    :func:`body_to_joint_rates`.
+    """
+    cp, sp = cos(pitch), sin(pitch)
+    cr, sr = cos(roll), sin(roll)
+    bx = ax + cp * pitch_rate * azimuth_rate
+    by = ay + (cr * cp * roll_rate - sr * sp * pitch_rate) * azimuth_rate + sr * roll_rate * pitch_rate
+    return (by + sr * cp * azimuth_accel) / cr, -(bx + sp * azimuth_accel)
+
+
 def euler_rates_to_body(
     imu_roll: float, pitch: float, imu_roll_rate: float, pitch_rate: float, yaw_rate: float
 ) -> Vector:

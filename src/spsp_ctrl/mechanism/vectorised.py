@@ -71,6 +71,7 @@ body_to_joint_rates: ArrayFunction = _of_frames["body_to_joint_rates"]
 joint_accels_to_body: ArrayFunction = _of_frames["joint_accels_to_body"]
 body_to_joint_accels: ArrayFunction = _of_frames["body_to_joint_accels"]
 body_to_tilt_rates: ArrayFunction = _of_frames["body_to_tilt_rates"]
+body_to_tilt_accels: ArrayFunction = _of_frames["body_to_tilt_accels"]
 euler_rates_to_body: ArrayFunction = _of_frames["euler_rates_to_body"]
 
 _of_kinematics = rebound(_kinematics)
@@ -84,6 +85,7 @@ jacobian_gains: ArrayFunction = _of_kinematics["jacobian_gains"]
 _of_chain = rebound(_chain)
 joint_references: Callable[..., Any] = _of_chain["joint_references"]
 joint_motion: Callable[..., Any] = _of_chain["joint_motion"]
+level_motion: Callable[..., Any] = _of_chain["level_motion"]
 
 
 def matrix(nine: tuple[Any, ...]) -> Array:
