@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -212,13 +212,15 @@ def _distance(own: Array, others: Sequence[Array], dimension: Ints) -> Array:
     return distance
 
 
-def redundant_wrench(pitch_rad: float, roll_rad: float, **geometry: Any) -> tuple[Array, float]:
+def redundant_wrench(
+    pitch_rad: float, roll_rad: float, height_m: float, moving_radius_m: float, static_radius_m: float, r_axis: Axis = "y"
+) -> tuple[Array, float]:
     """The wrench of the RPS branch at one pose, (couple; force) about P for a unit force, couple in units of the moving radius,
     and its distance from the span of the U joint's wrenches: 0 when the leg adds no constraint, only a self-stress.
 
     In a mechanism that moves this is a force along y through A1: the U joint already takes it, as its y force and its torsion.
     """
-    u, rps, _ = branches(pitch_rad, roll_rad, **geometry)
+    u, rps, _ = branches(pitch_rad, roll_rad, height_m, moving_radius_m, static_radius_m, r_axis)
     own, _ = wrench_projector(rps.twists)
     span, _ = wrench_projector(u.twists)
     wrench = np.linalg.svd(own)[2][0]
