@@ -137,7 +137,7 @@ def mobility(
     _show(result, mechanism_text.mobility_lines(result), as_json, out, "mobility", figure)
 
 
-class SineType(click.ParamType):
+class SineType(click.ParamType):  # type: ignore[type-arg]  # generic in the newest click only
     """``AMPLITUDE/PERIOD`` or ``AMPLITUDE/PERIOD/PHASE`` in deg, s, deg."""
 
     name = "sine"

@@ -90,7 +90,8 @@ def _prismatic(direction: Array) -> Array:
 
 
 def _unit(v: Array) -> Array:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+    unit: Array = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    return unit
 
 
 def _spherical(point: Array) -> list[Array]:

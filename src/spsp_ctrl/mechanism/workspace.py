@@ -10,6 +10,7 @@ from math import atan2, cos, hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spsp_ctrl.mechanism import vectorised
 from spsp_ctrl.mechanism.kinematics import attitude_from_rods, rod_lengths
@@ -79,7 +80,7 @@ class Map:
     roll_rad: Array
     travel1_m: Array
     travel2_m: Array
-    within: Array
+    within: NDArray[np.bool_]
     """Attitude inside joint limits and strokes (bool)."""
     conditioning: Array
     """Smallest over largest singular value of the Jacobian, 0..1."""
@@ -221,7 +222,8 @@ def _any_direction(travel: Travel, directions: int = 720) -> float:
 def _swings(travel: Travel, grid: Map) -> tuple[tuple[float, float], tuple[float, float]]:
     """Swing of the rods at their upper and lower hinges within the workspace, from level."""
     rotation = vectorised.matrix(vectorised.joint_rotation(grid.pitch_rad, grid.roll_rad))
-    ball, lower = [], []
+    ball: list[float] = []
+    lower: list[float] = []
     for k in (0, 1):
         foot = np.array([0.0, 0.0, -travel.height_m])
         foot[k] = travel.static_radius_m

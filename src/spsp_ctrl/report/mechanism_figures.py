@@ -105,14 +105,15 @@ def _linkage(ax: Any, travel: Travel, pitch_rad: float, roll_rad: float) -> None
         ax.text(*(a[k] + [0, 0, 0.05 * h]), f"A{k + 1} (S)", fontsize=8)
     ax.text(*(b[0] + [0, 0, -0.12 * h]), "B1 (R)", fontsize=8)
     ax.text(*(b[1] + [0, 0, -0.12 * h]), "B2 (U)", fontsize=8)
-    ax.text(*(p + [0, 0, 0.1 * h]), "P (U)", fontsize=8)
+    ax.text(0.0, 0.0, 0.1 * h, "P (U)", fontsize=8)
     reach = 0.45 * upper
     y = np.array([0.0, reach, 0.0])
     for centre, axis in ((b[0], y), (b[1], y), (p, y), (p, 0.45 * upper * rotation[:, 0]), (b[1], np.array([reach, 0.0, 0.0]))):
         line(centre - axis, centre + axis, color="black", linewidth=1.0, linestyle="--")
     ax.quiver(*a[0], 0.0, 0.9 * upper, 0.0, color="#b91c1c", linewidth=2.0, label="redundant: force along y through A1")
     ax.quiver(*p, 0.0, -0.9 * upper, 0.0, color="#b91c1c", linewidth=1.0, linestyle=":")
-    ax.set(title=f"pitch {np.degrees(pitch_rad):g}°, roll {np.degrees(roll_rad):g}°; dashed: joint axes", xlabel="x, mm", ylabel="y, mm", zlabel="z, mm")
+    ax.set(xlabel="x, mm", ylabel="y, mm", zlabel="z, mm")
+    ax.set_title(f"pitch {np.degrees(pitch_rad):g}°, roll {np.degrees(roll_rad):g}°; dashed: joint axes")
     ax.set_aspect("equal")
     ax.view_init(elev=18.0, azim=-52.0)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02))

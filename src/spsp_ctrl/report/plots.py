@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 PITCH, ROLL, THIRD, GREY = "#2a6fbb", "#d9722b", "#3f8f5f", "#6b7280"
 """Colours of pitch and roll, as in the run report, and of what is neither."""
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.size": 9.0,
     "axes.grid": True,
     "grid.color": "#e5e7eb",
