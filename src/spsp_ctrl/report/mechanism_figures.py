@@ -22,7 +22,7 @@ AROUND = 1.3
 """The map goes this much beyond the joint limits."""
 
 
-def workspace_figure(found: Workspace, points: int = 181) -> Figure:
+def workspace_figure(found: Workspace, points: int = 81) -> Figure:
     """Conditioning and error per rod error over the attitudes, with what limits the travel."""
     travel = found.travel
     axes = (np.linspace(-AROUND, AROUND, points) * limit for limit in (travel.pitch_limit_rad, travel.roll_limit_rad))
@@ -69,7 +69,7 @@ def mobility_figure(travel: Travel, pitch_rad: float, roll_rad: float) -> Figure
     sweep = np.linspace(-1.0, 1.0, 161) * travel.pitch_limit_rad
     variants: tuple[tuple[mobility.Axis, str, str], ...] = (
         ("y", plots.PITCH, "R axis parallel y: 2 freedoms at every pose"),
-        ("x", plots.ROLL, "R axis parallel x, as Eq (1) prints it: 1 freedom once the leg leans"),
+        ("x", plots.ROLL, "R axis parallel x, as in Eq (1): 1 once the leg leans"),
     )
     for r_axis, colour, label in variants:
         rps = mobility.mobility(sweep, roll_rad, *travel.lengths_m, r_axis=r_axis).branches[1]
