@@ -26,8 +26,8 @@ rates = st.floats(-1.0, 1.0)
 
 
 def estimate(p: LawParams, pitch: float = 0.0, roll: float = 0.0, **other: float) -> Estimate:
-    l1, l2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.radius_m)
-    j = jacobian(pitch, roll, l1, l2, p.height_m, p.radius_m, p.radius_m)
+    l1, l2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.static_radius_m)
+    j = jacobian(pitch, roll, l1, l2, p.height_m, p.radius_m, p.static_radius_m)
     values: dict[str, float] = dict.fromkeys(Estimate._fields, 0.0)
     values |= {
         "joint_pitch_rad": pitch,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import math
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -54,11 +55,21 @@ def _user_exit_code(error: Exception) -> int | None:
         return EXIT_USER
     if isinstance(error, RigError):
         return EXIT_RIG
+    if type(error).__name__ == "NoPictures":
+        return EXIT_USER
     if type(error).__name__ == "LogError":
         return EXIT_DATA
     if isinstance(error, FileNotFoundError | FileExistsError | IsADirectoryError | NotADirectoryError | PermissionError):
         return EXIT_USER
     return None
+
+
+def finite(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
+    """Callback of a float option: click's ranges let NaN pass."""
+    for number in value if isinstance(value, tuple) else (value,):
+        if number is not None and not math.isfinite(number):
+            raise click.BadParameter(f"{number} is not a finite number", ctx, param)
+    return value
 
 
 OVERRIDE = click.option(
@@ -71,6 +82,14 @@ OVERRIDE = click.option(
 CONFIG = click.option(
     "--config", "-c", required=True, type=click.Path(path_type=Path), help="Rig file, e.g. config/rig.yaml."
 )
+MECHANISM = click.option(
+    "--config",
+    "-c",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="Rig file or mechanism file, e.g. config/rig.yaml or config/mechanisms/large.yaml.",
+)
+PICTURE = click.option("--out", "-o", type=click.Path(path_type=Path), metavar="DIR", help="Also write the picture (SVG) to this folder.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
 
 

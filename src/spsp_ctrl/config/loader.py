@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar, Union, get_args, get_origin
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from spsp_ctrl.config.rig import RIG_SCHEMA, RigConfig
+from spsp_ctrl.config.rig import MECHANISM_SCHEMA, RIG_SCHEMA, MechanismFile, RigConfig
 from spsp_ctrl.config.scenario import SCENARIO_SCHEMA, Scenario
 
 M = TypeVar("M", bound=BaseModel)
@@ -23,6 +23,7 @@ MAX_NODES = 50_000
 
 KINDS = {
     RIG_SCHEMA: "a rig file",
+    MECHANISM_SCHEMA: "a mechanism file",
     SCENARIO_SCHEMA: "a scenario file",
     "spsp-ctrl/model/1": "a plant model file",
 }
@@ -160,7 +161,12 @@ def _construct(path: Path, text: str) -> tuple[Any, dict[Location, tuple[int, in
 def load_yaml_model(path: Path, model: type[M], schema: str) -> Loaded[M]:
     """Read, check and convert one file. Raises ``ConfigError`` with every problem found."""
     path = Path(path)
-    data, marks = _construct(path, _read(path))
+    return _load(path, *_construct(path, _read(path)), model, schema)
+
+
+def _load(
+    path: Path, data: dict[str, Any], marks: dict[Location, tuple[int, int]], model: type[M], schema: str
+) -> Loaded[M]:
     given = data.get("schema")
     if given != schema:
         line, column = marks.get(("schema",), (1, 1))
@@ -246,6 +252,15 @@ def _problem(loaded: Loaded[Any], model: type[BaseModel], item: dict[str, Any]) 
 def load_rig(path: Path) -> Loaded[RigConfig]:
     """A rig file."""
     return load_yaml_model(path, RigConfig, RIG_SCHEMA)
+
+
+def load_mechanism(path: Path) -> Loaded[RigConfig] | Loaded[MechanismFile]:
+    """The file with a ``mechanism:`` section: a rig file, or a mechanism alone."""
+    path = Path(path)
+    data, marks = _construct(path, _read(path))
+    if data.get("schema") == RIG_SCHEMA:
+        return _load(path, data, marks, RigConfig, RIG_SCHEMA)
+    return _load(path, data, marks, MechanismFile, MECHANISM_SCHEMA)
 
 
 def load_scenario(path: Path) -> Loaded[Scenario]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import atan2, cos, degrees, hypot, radians
 from typing import Literal
 
 from pydantic import Field, model_validator
@@ -9,6 +10,7 @@ from pydantic import Field, model_validator
 from spsp_ctrl.config.scenario import Strict
 
 RIG_SCHEMA = "spsp-ctrl/rig/1"
+MECHANISM_SCHEMA = "spsp-ctrl/mechanism/1"
 
 
 class SimulatedDriver(Strict):
@@ -20,25 +22,75 @@ class SimulatedDriver(Strict):
     seed: int = Field(default=1, ge=0, le=2**31 - 1)
 
 
-class Geometry(Strict):
-    """The mechanism as the controller knows it (Table 1 of the paper)."""
+class Mechanism(Strict):
+    """The geometry of the mechanism and its travel (Table 1 of the paper)."""
 
     column_height_mm: float = Field(gt=10.0, le=5000.0)
     moving_radius_mm: float = Field(gt=5.0, le=2000.0)
+    """Hinge radius of the moving platform."""
+    static_radius_mm: float | None = Field(default=None, gt=5.0, le=2000.0)
+    """Hinge radius of the static platform; the same as the moving one when absent."""
     pitch_limit_deg: float = Field(gt=0.0, le=40.0)
     roll_limit_deg: float = Field(gt=0.0, le=40.0)
     azimuth_limit_deg: float = Field(gt=0.0, le=170.0)
     stroke_min_mm: float = Field(lt=0.0, ge=-1000.0)
+    """Rod travel from level: the end of the retraction."""
     stroke_max_mm: float = Field(gt=0.0, le=1000.0)
 
     @model_validator(mode="after")
-    def _possible(self) -> Geometry:
-        if self.moving_radius_mm >= self.column_height_mm:
+    def _possible(self) -> Mechanism:
+        height = self.column_height_mm
+        for name in ("moving_radius_mm", "static_radius_mm"):
+            radius = getattr(self, name)
+            if radius is not None and radius >= height:
+                raise ValueError(
+                    f"impossible geometry: {name} ({radius:g}) must be smaller than "
+                    f"column_height_mm ({height:g}), else the rods pass through the table"
+                )
+        singular = degrees(atan2(height * cos(radians(self.pitch_limit_deg)), 1e3 * self.static_radius_m))
+        if self.roll_limit_deg >= singular:
             raise ValueError(
-                f"impossible geometry: moving_radius_mm ({self.moving_radius_mm:g}) must be smaller than "
-                f"column_height_mm ({self.column_height_mm:g}), else the rods pass through the table"
+                f"impossible geometry: roll_limit_deg ({self.roll_limit_deg:g}) must be smaller than {singular:.2f}, where the roll rod "
+                f"cannot turn the platform any more (tan roll = column height / static radius * cos pitch, at pitch_limit_deg)"
+            )
+        if self.stroke_min_mm <= -1e3 * self.level_m:
+            raise ValueError(
+                f"impossible geometry: stroke_min_mm ({self.stroke_min_mm:g}) leaves nothing of a rod of {1e3 * self.level_m:.2f} mm at level"
             )
         return self
+
+    @property
+    def height_m(self) -> float:
+        """Height of the U joint above the hinges of the static platform."""
+        return self.column_height_mm * 1e-3
+
+    @property
+    def moving_radius_m(self) -> float:
+        """Hinge radius of the moving platform."""
+        return self.moving_radius_mm * 1e-3
+
+    @property
+    def static_radius_m(self) -> float:
+        """Hinge radius of the static platform."""
+        return (self.moving_radius_mm if self.static_radius_mm is None else self.static_radius_mm) * 1e-3
+
+    @property
+    def level_m(self) -> float:
+        """Length of both rods at level."""
+        return hypot(self.height_m, self.moving_radius_m - self.static_radius_m)
+
+    @property
+    def lengths_m(self) -> tuple[float, float, float]:
+        """Height, moving and static radius: the last arguments of every function of ``mechanism.kinematics``."""
+        return self.height_m, self.moving_radius_m, self.static_radius_m
+
+
+class MechanismFile(Strict):
+    """A mechanism alone: what the ``mechanism`` commands need of a rig file."""
+
+    schema_: Literal["spsp-ctrl/mechanism/1"] = Field(alias="schema")
+    name: str = Field(default="", max_length=60)
+    mechanism: Mechanism
 
 
 class Actuator(Strict):
@@ -302,7 +354,7 @@ class RigConfig(Strict):
     scenario: str
     """Scenario file, relative to this file: the motion that ``run`` plays."""
     rig: SimulatedDriver
-    geometry: Geometry
+    mechanism: Mechanism
     pitch_actuator: Actuator
     roll_actuator: Actuator
     azimuth: AzimuthDrive

@@ -66,7 +66,7 @@ def start(measurement: Measurement, p: LawParams) -> EstimatorState:
     l1 = p.level_m + pitch.angle * p.pitch.travel_per_rad_m + p.pitch.zero_offset_m
     l2 = p.level_m + roll.angle * p.roll.travel_per_rad_m + p.roll.zero_offset_m
     try:
-        joint_pitch, joint_roll = attitude_from_rods(l1, l2, p.height_m, p.radius_m, p.radius_m)
+        joint_pitch, joint_roll = attitude_from_rods(l1, l2, p.height_m, p.radius_m, p.static_radius_m)
     except ValueError:
         joint_pitch = joint_roll = 0.0
     azimuth = measurement.azimuth.microsteps * p.rad_per_microstep
@@ -110,8 +110,8 @@ def _learn_screws(
     state: EstimatorState, p: LawParams, base: BaseState, pitch: float, roll: float, azimuth: float, rate1: float, rate2: float
 ) -> tuple[ScrewMap, ScrewMap]:
     """One step of both screw maps, at the (lagged) joint angles that the frame belongs to."""
-    l1, l2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.radius_m)
-    j11, j21, j22 = jacobian(pitch, roll, l1, l2, p.height_m, p.radius_m, p.radius_m)
+    l1, l2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.static_radius_m)
+    j11, j21, j22 = jacobian(pitch, roll, l1, l2, p.height_m, p.radius_m, p.static_radius_m)
     # innovations from base axes into those of the joints
     ca, sa = cos(azimuth), sin(azimuth)
     by_pitch = ca * base.pitch_innovation + sa * base.roll_innovation
@@ -161,11 +161,11 @@ def step(
     l1, l2 = p.level_m + rod1, p.level_m + rod2
     before = state.joints
     try:
-        joint_pitch, joint_roll = attitude_from_rods(l1, l2, p.height_m, p.radius_m, p.radius_m)
+        joint_pitch, joint_roll = attitude_from_rods(l1, l2, p.height_m, p.radius_m, p.static_radius_m)
     except ValueError:
         # no attitude has these rods (a resolver jumped): keep the last pose, the supervisor judges the jump
         joint_pitch, joint_roll = before[0], before[1]
-    j11, j21, j22 = jacobian(joint_pitch, joint_roll, l1, l2, p.height_m, p.radius_m, p.radius_m)
+    j11, j21, j22 = jacobian(joint_pitch, joint_roll, l1, l2, p.height_m, p.radius_m, p.static_radius_m)
     pitch_rate = rate1 / j11
     roll_rate = (rate2 - j21 * pitch_rate) / j22
     azimuth_rate = m.azimuth.rate_microsteps_s * p.rad_per_microstep

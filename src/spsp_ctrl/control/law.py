@@ -263,8 +263,8 @@ def _by_rods(
     roll_rate: float, pitch_accel: float, roll_accel: float, gate: int,
 ) -> _Wanted:  # fmt: skip
     """Rod position loop on the resolvers, towards joint angles that are given with their rates and accelerations."""
-    ref1, ref2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.radius_m)
-    k11, k21, k22 = jacobian(pitch, roll, ref1, ref2, p.height_m, p.radius_m, p.radius_m)
+    ref1, ref2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.static_radius_m)
+    k11, k21, k22 = jacobian(pitch, roll, ref1, ref2, p.height_m, p.radius_m, p.static_radius_m)
     p1 = p.rod_kp * (ref1 - p.level_m - e.rod_pitch_m)
     p2 = p.rod_kp * (ref2 - p.level_m - e.rod_roll_m)
     if gate == ALIGN:

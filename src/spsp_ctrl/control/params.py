@@ -71,6 +71,7 @@ class LawParams(NamedTuple):
     period_s: float
     height_m: float
     radius_m: float
+    static_radius_m: float
     level_m: float
     pitch: AxisParams
     roll: AxisParams
@@ -188,9 +189,10 @@ def law_params(config: RigConfig) -> LawParams:
     gravity_n = gap.moving_mass_kg * 9.80665
     return LawParams(
         period_s=1.0 / config.rate_hz,
-        height_m=config.geometry.column_height_mm * 1e-3,
-        radius_m=config.geometry.moving_radius_mm * 1e-3,
-        level_m=config.geometry.column_height_mm * 1e-3,
+        height_m=config.mechanism.height_m,
+        radius_m=config.mechanism.moving_radius_m,
+        static_radius_m=config.mechanism.static_radius_m,
+        level_m=config.mechanism.level_m,
         pitch=pitch,
         roll=roll,
         gap=GapParams(
@@ -242,12 +244,12 @@ def law_params(config: RigConfig) -> LawParams:
         envelope_decay=exp(-1.0 / (config.rate_hz * ENVELOPE_S)),
         rod_speed_m_s=limits.rod_speed_mm_s * 1e-3,
         rod_accel_m_s2=limits.rod_accel_mm_s2 * 1e-3,
-        rod_min_m=(config.geometry.stroke_min_mm + margin) * 1e-3,
-        rod_max_m=(config.geometry.stroke_max_mm - margin) * 1e-3,
+        rod_min_m=(config.mechanism.stroke_min_mm + margin) * 1e-3,
+        rod_max_m=(config.mechanism.stroke_max_mm - margin) * 1e-3,
         current_a=limits.current_a,
         azimuth_rate_rad_s=radians(limits.azimuth_rate_deg_s),
         azimuth_accel_rad_s2=radians(limits.azimuth_accel_deg_s2),
-        azimuth_min_rad=-radians(config.geometry.azimuth_limit_deg),
-        azimuth_max_rad=radians(config.geometry.azimuth_limit_deg),
+        azimuth_min_rad=-radians(config.mechanism.azimuth_limit_deg),
+        azimuth_max_rad=radians(config.mechanism.azimuth_limit_deg),
         align_rate_rad_s=radians(limits.align_rate_deg_s),
     )
