@@ -277,7 +277,9 @@ class Timing(NamedTuple):
     control_ns: int
     write_ns: int
     record_ns: int
+    """Hand-over to the recorder in the previous cycle."""
     compute_ns: int
+    """From the start of the cycle until its command was written."""
 
 
 class Truth(NamedTuple):

@@ -53,6 +53,9 @@ class Watcher:
     def event(self, text: str, t_s: float) -> None:
         """Something happened."""
 
+    def recording(self, counts: Callable[[], tuple[int, int]]) -> None:
+        """Where to ask how many records were handed over and lost."""
+
 
 class _Watched:
     """A recorder that also tells the watcher."""
@@ -159,6 +162,8 @@ def run_session(
     }
     recorder = Recorder(folder / LOG_NAME, real_time=plan.real_time, attachments=files, metadata={"run": about, "versions": versions()})
     watched = _Watched(recorder, watcher) if watcher is not None else recorder
+    if watcher is not None:
+        watcher.recording(recorder.counts)
     clock = MonotonicClock(period_ns) if plan.real_time else LockStepClock(period_ns)
     controller = cycle.controller(config)
     state = cycle.start(config, scenario.reference)

@@ -58,6 +58,10 @@ class LiveStatus:
             "rate_hz": rig.rate_hz,
         }
 
+    def recording(self, counts: Callable[[], tuple[int, int]]) -> None:
+        """Show the records handed over and lost that ``counts`` tells."""
+        self._counts = counts
+
     def event(self, text: str, t_s: float) -> None:
         """Show ``text`` as the last event."""
         self._event, self._event_s = text, t_s

@@ -109,6 +109,7 @@ def run_loop(
     last_ns = -period_ns
     ending = ""
     now = time.perf_counter_ns
+    record_ns = 0
 
     def event(level: str, id: str, text: str, stamp_ns: int) -> None:
         result.events.append({"stamp_ns": stamp_ns, "level": level, "id": id, "text": text})
@@ -159,11 +160,13 @@ def run_loop(
                 after_read - begin,
                 after_control - after_read,
                 after_write - after_control,
-                0,
+                record_ns,
                 after_write - begin,
             )
             truth = rig.truth()
+            before_record = now()
             recorder.record_cycle(measurement, control, timing, truth)
+            record_ns = now() - before_record
             last_ns = now_ns
             result.cycles += 1
             if status is not None and tick.cycle % status_every == 0:
