@@ -163,6 +163,9 @@ class Estimate(NamedTuple):
     rod_pitch_m: float
     """Travel of the pitch leg from level, load side (after backlash and thermal compensation)."""
     rod_roll_m: float
+    screw_pitch_m: float
+    """Travel of the nut from level: the rod and what gap and wind-up hold back of it."""
+    screw_roll_m: float
     thermal_pitch_m: float
     """Elongation of the rod by Eq (13), as the compensation believes it."""
     thermal_roll_m: float

@@ -34,6 +34,8 @@ def estimate(p: LawParams, pitch: float = 0.0, roll: float = 0.0, **other: float
         "joint_roll_rad": roll,
         "rod_pitch_m": l1 - p.level_m,
         "rod_roll_m": l2 - p.level_m,
+        "screw_pitch_m": l1 - p.level_m,
+        "screw_roll_m": l2 - p.level_m,
         "lever_pitch_m_rad": j[0],
         "lever_cross_m_rad": j[1],
         "lever_roll_m_rad": j[2],

@@ -197,8 +197,6 @@ class BaseObserver(Strict):
     yaw: YawGains
     lead_ms: float = Field(default=0.0, ge=0.0, le=100.0)
     """Prediction beyond "now": until a command acts and the motor loop has followed."""
-    blanking_ms: float = Field(default=25.0, ge=0.0, le=200.0)
-    """IMU frames are not believed until this long after the take-up has crossed the gap."""
     adaptive: AdaptiveFrequency = AdaptiveFrequency()
 
 

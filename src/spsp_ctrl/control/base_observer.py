@@ -138,14 +138,13 @@ def start(seen: BaseSeen) -> BaseState:
 
 
 def _axis(
-    g: BaseGains, angle: float, rate: float, accel: float, omega_sq: float, t: float, seen_angle: float, seen_rate: float,
-    trust: float,
+    g: BaseGains, angle: float, rate: float, accel: float, omega_sq: float, t: float, seen_angle: float, seen_rate: float
 ) -> tuple[float, float, float, float]:
     angle, rate, accel = ahead(angle, rate, accel, omega_sq, t)
     lag = g.attitude_lag_s
     # a first-order lag answers a parabola with angle - lag * rate + lag^2 * accel
-    by_attitude = trust * (seen_angle - (angle - lag * (rate - lag * accel)))
-    by_gyro = trust * (seen_rate - (rate - g.gyro_lag_s * accel))
+    by_attitude = seen_angle - (angle - lag * (rate - lag * accel))
+    by_gyro = seen_rate - (rate - g.gyro_lag_s * accel)
     return (
         angle + g.angle_by_attitude * by_attitude + g.angle_by_gyro * by_gyro,
         rate + g.rate_by_attitude * by_attitude + g.rate_by_gyro * by_gyro,
@@ -154,14 +153,14 @@ def _axis(
     )
 
 
-def update(state: BaseState, g: BaseGains, seen: BaseSeen, t: float, trust: float = 1.0) -> BaseState:
-    """Predict over ``t`` s since the last frame and correct with a new one, as far as it is trusted (0..1)."""
+def update(state: BaseState, g: BaseGains, seen: BaseSeen, t: float) -> BaseState:
+    """Predict over ``t`` s since the last frame and correct with a new one."""
     pp, pa, rp, ra = state[8:12]
     pitch, pitch_rate, pitch_accel, pitch_innovation = _axis(
-        g, state.pitch, state.pitch_rate, state.pitch_accel, omega_squared(g, pp, pa), t, seen.pitch, seen.pitch_rate, trust
+        g, state.pitch, state.pitch_rate, state.pitch_accel, omega_squared(g, pp, pa), t, seen.pitch, seen.pitch_rate
     )
     roll, roll_rate, roll_accel, roll_innovation = _axis(
-        g, state.roll, state.roll_rate, state.roll_accel, omega_squared(g, rp, ra), t, seen.roll, seen.roll_rate, trust
+        g, state.roll, state.roll_rate, state.roll_accel, omega_squared(g, rp, ra), t, seen.roll, seen.roll_rate
     )
     yaw_rate = state.yaw_rate + t * state.yaw_accel
     error = seen.yaw_rate - (yaw_rate - g.gyro_lag_s * state.yaw_accel)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import cos, sin
 from typing import NamedTuple
 
-from spsp_ctrl.control import base_observer, motor_observer, screw_map
-from spsp_ctrl.control.backlash import GapState
+from spsp_ctrl.control import backlash, base_observer, motor_observer, screw_map
+from spsp_ctrl.control.backlash import Flank, GapState
 from spsp_ctrl.control.base_observer import BaseState
 from spsp_ctrl.control.motor_observer import MotorState
 from spsp_ctrl.control.params import AxisParams, LawParams, lag_step
@@ -17,9 +17,6 @@ from spsp_ctrl.messages import DriveSample, Estimate, Measurement, ResolverSampl
 
 COAST_PREDICTION_S = 0.25
 """The motion of the base is extrapolated no longer than this; then it is held."""
-
-CROSSING_M_S = 2e-4
-"""Speed of the take-up above which the gap counts as being crossed."""
 
 Vector = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
@@ -48,10 +45,8 @@ class EstimatorState(NamedTuple):
     pitch_rate: float
     roll_rate: float
     since_attitude_s: float
-    quiet_s: float
-    """Time since the nut of an actuator last crossed its gap."""
-    blind_s: float
-    """How long frames have been disbelieved lately; recovers at a quarter of the rate."""
+    flank_pitch: Flank
+    flank_roll: Flank
 
 
 def history_length(p: LawParams) -> int:
@@ -87,8 +82,8 @@ def start(measurement: Measurement, p: LawParams) -> EstimatorState:
         pitch_rate=0.0,
         roll_rate=0.0,
         since_attitude_s=0.0,
-        quiet_s=1.0,
-        blind_s=0.0,
+        flank_pitch=Flank(0.0, 0.0, 1.0),
+        flank_roll=Flank(0.0, 0.0, 1.0),
     )
 
 
@@ -146,10 +141,10 @@ def step(
     t = m.temperature
     thermal1 = p.thermal_m_k * (t.screw_pitch_c - p.thermal_reference_c)
     thermal2 = p.thermal_m_k * (t.screw_roll_c - p.thermal_reference_c)
-    rod1 = pitch.angle * p.pitch.travel_per_rad_m + p.pitch.zero_offset_m - gap_pitch.offset_m + thermal1
-    rod2 = roll.angle * p.roll.travel_per_rad_m + p.roll.zero_offset_m - gap_roll.offset_m + thermal2
-    rate1 = pitch.speed * p.pitch.travel_per_rad_m - gap_pitch.rate_m_s
-    rate2 = roll.speed * p.roll.travel_per_rad_m - gap_roll.rate_m_s
+    rod1 = pitch.angle * p.pitch.travel_per_rad_m + p.pitch.zero_offset_m + thermal1
+    rod2 = roll.angle * p.roll.travel_per_rad_m + p.roll.zero_offset_m + thermal2
+    rate1 = pitch.speed * p.pitch.travel_per_rad_m
+    rate2 = roll.speed * p.roll.travel_per_rad_m
     screw_pitch, screw_roll = state.screw_pitch, state.screw_roll
     if p.screw_rate:
         offset, slope = screw_map.error(screw_pitch, pitch.angle * p.pitch.screw_per_rad)
@@ -158,6 +153,15 @@ def step(
         offset, slope = screw_map.error(screw_roll, roll.angle * p.roll.screw_per_rad)
         rod2 += offset
         rate2 += slope * roll.speed * p.roll.screw_per_rad
+    screw1, screw2 = rod1, rod2
+    flank_pitch, flank_roll = state.flank_pitch, state.flank_roll
+    if p.gap is not None:
+        flank_pitch = backlash.follow(flank_pitch, p.gap, rate1 * dt, gap_pitch.gravity_n, gap_pitch.moving)
+        flank_roll = backlash.follow(flank_roll, p.gap, rate2 * dt, gap_roll.gravity_n, gap_roll.moving)
+        rod1 -= flank_pitch.offset_m
+        rod2 -= flank_roll.offset_m
+        rate1 *= flank_pitch.share
+        rate2 *= flank_roll.share
     l1, l2 = p.level_m + rod1, p.level_m + rod2
     before = state.joints
     try:
@@ -192,12 +196,6 @@ def step(
     )
 
     base, imu, g = state.base, m.imu, p.base
-    crossing = abs(gap_pitch.rate_m_s) > CROSSING_M_S or abs(gap_roll.rate_m_s) > CROSSING_M_S
-    quiet = 0.0 if crossing else state.quiet_s + dt
-    # never blind for long: a take-up that chatters must not take the IMU away
-    blind = state.blind_s
-    blanking = quiet < p.blanking_s and blind < 3.0 * p.blanking_s
-    blind += dt if blanking else -0.25 * dt if blind > 0.0 else 0.0
     since = state.since_attitude_s + dt
     attitude_dt = 0.0
     seq, stamp = state.imu_seq, state.imu_stamp_ns
@@ -212,9 +210,7 @@ def step(
             base = base_observer.start(seen)
             attitude_dt = p.imu_period_s
         else:
-            # while the nut crosses its gap the joints are not where the screws say: such a frame says nothing of the base
-            trust = 0.0 if blanking else 1.0
-            base = base_observer.update(base, g, seen, (imu.stamp_ns - stamp) * 1e-9, trust)
+            base = base_observer.update(base, g, seen, (imu.stamp_ns - stamp) * 1e-9)
             attitude_dt = since
             if p.screw_rate:
                 screw_pitch, screw_roll = _learn_screws(state, p, base, j0, j1, j2, rate1, rate2)
@@ -260,6 +256,8 @@ def step(
             azimuth_rate,
             rod1,
             rod2,
+            screw1,
+            screw2,
             thermal1,
             thermal2,
             j11,
@@ -298,7 +296,7 @@ def step(
             platform_pitch_rate,
             platform_roll_rate,
             since,
-            quiet,
-            blind,
+            flank_pitch,
+            flank_roll,
         ),
     )

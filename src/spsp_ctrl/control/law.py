@@ -128,6 +128,7 @@ def _rod(
     accel_a: float,
     gravity_n: float,
     rod_m: float,
+    flank_m: float,
     motor_rate: float,
     dt: float,
     enabled: bool,
@@ -153,6 +154,8 @@ def _rod(
     else:
         motor_ref = speed / ap.travel_per_rad_m
     if not enabled:
+        # nobody leads the nut: arming starts from where it sits
+        gap = gap._replace(offset_m=flank_m, rate_m_s=0.0)
         terms = _new(
             AxisTerms,
             (error_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, gap.offset_m, 0),
@@ -260,13 +263,14 @@ def _by_attitude(
 
 def _by_rods(
     p: LawParams, e: Estimate, error_pitch: float, error_roll: float, pitch: float, roll: float, pitch_rate: float,
-    roll_rate: float, pitch_accel: float, roll_accel: float, gate: int,
+    roll_rate: float, pitch_accel: float, roll_accel: float, lead_pitch_m: float, lead_roll_m: float, gate: int,
 ) -> _Wanted:  # fmt: skip
     """Rod position loop on the resolvers, towards joint angles that are given with their rates and accelerations."""
     ref1, ref2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.static_radius_m)
     k11, k21, k22 = jacobian(pitch, roll, ref1, ref2, p.height_m, p.radius_m, p.static_radius_m)
-    p1 = p.rod_kp * (ref1 - p.level_m - e.rod_pitch_m)
-    p2 = p.rod_kp * (ref2 - p.level_m - e.rod_roll_m)
+    # the nut is led, by as much as the take-up wants it ahead of the rod
+    p1 = p.rod_kp * (ref1 - p.level_m + lead_pitch_m - e.screw_pitch_m)
+    p2 = p.rod_kp * (ref2 - p.level_m + lead_roll_m - e.screw_roll_m)
     if gate == ALIGN:
         top = p.align_rate_rad_s * p.radius_m
         p1, p2 = _clip(p1, top), _clip(p2, top)
@@ -307,6 +311,8 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
         error_roll = r.roll_rad - e.joint_roll_rad
         error_heading = r.heading_rad - e.azimuth_rad
 
+    lead1 = state.gap_pitch.offset_m if p.gap is not None else 0.0
+    lead2 = state.gap_roll.offset_m if p.gap is not None else 0.0
     wanted = _NOTHING
     heading_integral = azimuth_wanted = azimuth_p = azimuth_ff = 0.0
     if gate >= ALIGN:
@@ -336,7 +342,7 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
             if p.observe:
                 dp, dr = body_to_tilt_rates(pitch, roll, wx - base_x, wy - base_y, state.azimuth_rate)
                 ddp, ddr = body_to_tilt_rates(pitch, roll, -accel_x, -accel_y, 0.0)
-                wanted = _by_rods(p, e, error_pitch, error_roll, pitch, roll, dp, dr, ddp, ddr, gate)
+                wanted = _by_rods(p, e, error_pitch, error_roll, pitch, roll, dp, dr, ddp, ddr, lead1, lead2, gate)
             else:
                 wanted = _by_attitude(
                     state, p, e, r, error_pitch, error_roll, heading_rate, base_x, base_y, accel_x, accel_y, gate
@@ -348,7 +354,8 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
             azimuth_ff = azimuth_wanted - azimuth_p - heading_integral
         else:
             wanted = _by_rods(
-                p, e, error_pitch, error_roll, r.pitch_rad, r.roll_rad, r.pitch_rate_rad_s, r.roll_rate_rad_s, 0.0, 0.0, gate
+                p, e, error_pitch, error_roll, r.pitch_rad, r.roll_rad, r.pitch_rate_rad_s, r.roll_rate_rad_s, 0.0, 0.0,
+                lead1, lead2, gate,
             )
             azimuth_ff, azimuth_wanted = r.heading_rate_rad_s, heading_rate
 
@@ -358,12 +365,14 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
     enabled = gate != OFF
     pitch_terms, axis_pitch, gap_pitch = _rod(
         state.axis_pitch, p.pitch, p, state.gap_pitch, wanted.attitude_pitch, error_pitch, wanted.ff_pitch,
-        wanted.rod_pitch_m_s, wanted.planned_pitch_m_s, wanted.accel_pitch_a, gravity1, e.rod_pitch_m, e.motor_pitch_rate_rad_s,
+        wanted.rod_pitch_m_s, wanted.planned_pitch_m_s, wanted.accel_pitch_a, gravity1, e.rod_pitch_m,
+        e.screw_pitch_m - e.rod_pitch_m, e.motor_pitch_rate_rad_s,
         dt, enabled,
     )  # fmt: skip
     roll_terms, axis_roll, gap_roll = _rod(
         state.axis_roll, p.roll, p, state.gap_roll, wanted.attitude_roll, error_roll, wanted.ff_roll,
-        wanted.rod_roll_m_s, wanted.planned_roll_m_s, wanted.accel_roll_a, gravity2, e.rod_roll_m, e.motor_roll_rate_rad_s,
+        wanted.rod_roll_m_s, wanted.planned_roll_m_s, wanted.accel_roll_a, gravity2, e.rod_roll_m,
+        e.screw_roll_m - e.rod_roll_m, e.motor_roll_rate_rad_s,
         dt, enabled,
     )  # fmt: skip
     azimuth_rate, azimuth_bits = limit_rate(

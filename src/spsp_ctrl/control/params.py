@@ -88,8 +88,6 @@ class LawParams(NamedTuple):
     gyro_lag: LagStep
     base: BaseGains
     lead_s: float
-    blanking_s: float
-    """How long after a gap crossing IMU frames are not believed."""
     screw_rate: float
     """LMS step of the screw map per IMU frame; zero when it is off."""
     screw_speed_m_s: float
@@ -220,7 +218,6 @@ def law_params(config: RigConfig) -> LawParams:
         gyro_lag=lag_step(imu.gyro_lag_ms * 1e-3, 1.0 / config.rate_hz),
         base=base_gains(control.base, imu.attitude_lag_ms * 1e-3, imu.gyro_lag_ms * 1e-3),
         lead_s=control.base.lead_ms * 1e-3,
-        blanking_s=control.base.blanking_ms * 1e-3 if terms.base_observer else 0.0,
         screw_rate=screw.rate if terms.screw_map else 0.0,
         screw_speed_m_s=screw.speed_mm_s * 1e-3,
         screw_limit_m=screw.limit_um * 1e-6,
