@@ -140,7 +140,8 @@ def _cheapest(tolerances: Sequence[Tolerance], matrix: Array, requirement_rad: f
         some = rows[binding]
 
         def slack(z: Array, some: Array = some) -> Array:
-            return -np.log(some @ np.exp(power * z))
+            left: Array = -np.log(some @ np.exp(power * z))
+            return left
 
         def slope(z: Array, some: Array = some) -> Array:
             terms = some * np.exp(power * z)

@@ -37,4 +37,5 @@ def equation_11(
 
 def printed_roll_pole(pitch_rad: ArrayLike, height_m: float, radius_m: float, unit_m: float) -> Array:
     """Roll at which the printed ∂f2/∂θy vanishes: tan roll = h cos(pitch) / r^2, in the unit of length used."""
-    return np.arctan(height_m / unit_m * np.cos(np.asarray(pitch_rad)) / (radius_m / unit_m) ** 2)
+    pole: Array = np.arctan(height_m / unit_m * np.cos(np.asarray(pitch_rad)) / (radius_m / unit_m) ** 2)
+    return pole

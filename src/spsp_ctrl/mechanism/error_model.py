@@ -190,7 +190,7 @@ def zeroing(errors: Errors, lengths_m: Lengths) -> tuple[Any, Any]:
     """Rod lengths (m) to add so that the platform with these errors is level when level is commanded: what zeroing at level sets."""
     rod1, rod2, _ = _placed(0.0, 0.0, lengths_m, errors)
     level = level_length(lengths_m)
-    return tuple(np.sqrt(_square(rod)) - level - errors.get(name, 0.0) for rod, name in ((rod1, "dl1"), (rod2, "dl2")))  # type: ignore[return-value]
+    return tuple(np.sqrt(_square(rod)) - level - errors.get(name, 0.0) for rod, name in ((rod1, "dl1"), (rod2, "dl2")))
 
 
 def zeroed_sensitivity(matrix: Array, at_level: Array, rods: Array, rods_at_level: Array) -> Array:
@@ -200,4 +200,5 @@ def zeroed_sensitivity(matrix: Array, at_level: Array, rods: Array, rods_at_leve
     ``rods_at_level`` (2, 2) those of dl1 and dl2, which the zeroing sets.
     """
     correction = -np.linalg.solve(rods_at_level, at_level)
-    return matrix + np.einsum("ar...,rs->as...", rods, correction)
+    zeroed: Array = matrix + np.einsum("ar...,rs->as...", rods, correction)
+    return zeroed

@@ -122,17 +122,20 @@ def limits_of(tolerances: Sequence[Tolerance]) -> Array:
 
 def as_given(matrix: Array, limits: Array) -> Array:
     """Every error at its limit, all positive, as the paper adds them for its Fig 10: shape (2, poses)."""
-    return np.einsum("asp,s->ap", matrix, limits)
+    error: Array = np.einsum("asp,s->ap", matrix, limits)
+    return error
 
 
 def worst_case(matrix: Array, limits: Array) -> Array:
     """Every error at its limit with the worst sign for each axis and pose: shape (2, poses)."""
-    return np.einsum("asp,s->ap", np.abs(matrix), limits)
+    error: Array = np.einsum("asp,s->ap", np.abs(matrix), limits)
+    return error
 
 
 def root_sum_square(matrix: Array, limits: Array) -> Array:
     """Limits added in squares: shape (2, poses)."""
-    return np.sqrt(np.einsum("asp,s->ap", matrix * matrix, limits * limits))
+    error: Array = np.sqrt(np.einsum("asp,s->ap", matrix * matrix, limits * limits))
+    return error
 
 
 def exact_worst_case(

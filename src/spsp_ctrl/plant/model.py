@@ -22,7 +22,6 @@ from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.effects import BY_NAME, EFFECTS, Effect, Parameter
 from spsp_ctrl.plant.layout import AXIS_BASE, AXIS_PARAMETERS, GLOBAL_BASE, GLOBAL_PARAMETERS, N_AXIS_PARAMETERS, N_PARAMETERS
 
-
 MODEL_SCHEMA = "spsp-ctrl/model/1"
 Location = tuple[str | int, ...]
 
