@@ -145,7 +145,8 @@ def _cheapest(tolerances: Sequence[Tolerance], matrix: Array, requirement_rad: f
 
         def slope(z: Array, some: Array = some) -> Array:
             terms = some * np.exp(power * z)
-            return -power * terms / terms.sum(axis=1, keepdims=True)
+            gradient: Array = -power * terms / terms.sum(axis=1, keepdims=True)
+            return gradient
 
         found: Any = minimize(
             lambda z: float((weight / np.exp(z)).sum()) / total,

@@ -205,6 +205,7 @@ def _figure_6(
             span(a[PITCH], PRIME, "pitch"),
             verdict(dr_pitch < SMALL * dr_roll, "not reproduced"),
             f"{100.0 * dr_pitch / dr_roll:.0f} % of the roll error, and the motion tilts pitch less (15° against 20°)",
+            {},
             **pitch_forms(fig6a),
         ),
         Claim(

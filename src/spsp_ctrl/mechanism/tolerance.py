@@ -54,11 +54,16 @@ class Tolerance:
     """What the allocation may go down and up to."""
 
 
-def tolerances_of(file: ToleranceFile, lengths_m: Lengths) -> tuple[Tolerance, ...]:
-    """Entries of a tolerance file in SI units."""
+def materials_of(file: ToleranceFile, lengths_m: Lengths) -> Materials:
+    """Thermal growth as a tolerance file states it."""
     m = file.materials
     length = level_length(lengths_m) if m.screw_length is None else m.screw_length.si
-    known = error_sources(lengths_m, Materials(length, m.screw_expansion.si, m.column_expansion.si, m.frame_expansion.si))
+    return Materials(length, m.screw_expansion.si, m.column_expansion.si, m.frame_expansion.si)
+
+
+def tolerances_of(file: ToleranceFile, lengths_m: Lengths) -> tuple[Tolerance, ...]:
+    """Entries of a tolerance file in SI units."""
+    known = error_sources(lengths_m, materials_of(file, lengths_m))
     found = []
     for e in file.tolerances:
         low, high = (e.limit, e.limit) if e.fixed else (e.min, e.max)
