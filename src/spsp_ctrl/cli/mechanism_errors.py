@@ -122,12 +122,12 @@ def _waves(sines: tuple[Sine, ...]) -> list[Wave]:
     return [(radians(s.amplitude_deg), s.period_s, radians(s.phase_deg)) for s in sines]
 
 
-@errors.command("dynamic", epilog="Example: spsp-ctrl mechanism errors dynamic --config config/rig.yaml --source dl1=20um --source dh=10um --out pictures")
+@errors.command("dynamic", epilog="Example: spsp-ctrl mechanism errors dynamic --config config/rig.yaml --source dl1=20um --source dh=10um")
 @MECHANISM
 @OVERRIDE
 @SOURCES
 @FILE
-@click.option("--pitch", multiple=True, type=SINE, metavar="DEG/S[/DEG]", help="Sine of pitch, amplitude/period[/phase]; with --roll default 15/4 and 20/8.")
+@click.option("--pitch", multiple=True, type=SINE, metavar="DEG/S[/DEG]", help="Sine of pitch: amplitude/period[/phase]. Default 15/4 and 20/8.")
 @click.option("--roll", multiple=True, type=SINE, metavar="DEG/S[/DEG]", help="The same of roll.")
 @PICTURE
 @JSON

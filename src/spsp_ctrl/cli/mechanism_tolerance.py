@@ -132,7 +132,7 @@ def _with_costs(tolerances: tuple[Tolerance, ...], costs: tuple[str, ...]) -> tu
 @TOLERANCES
 @REQUIREMENT
 @click.option("--by", type=click.Choice(["worst", "rss", "yield"]), default="worst", show_default=True, help="How the requirement is to be kept.")
-@click.option("--yield", "wanted", type=click.FloatRange(50.0, 99.999), default=99.73, show_default=True, help="With --by yield: percent of the units.")
+@click.option("--yield", "wanted", type=click.FloatRange(50.0, 99.999), default=99.73, show_default=True, help="Percent of the units.")
 @click.option("--cost", "costs", multiple=True, metavar="NAME=WEIGHT", help="Relative cost of holding 10 um (0.1 mrad, 1 K); may be repeated.")
 @UNITS
 @SEED

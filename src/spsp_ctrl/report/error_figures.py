@@ -47,23 +47,25 @@ def dynamic_figure(
     worst: Array | None = None,
     requirement_arcmin: float | None = None,
 ) -> Figure:
-    """One panel per case over the motion; ``worst`` (2, time) is drawn as a band in the last one."""
+    """One panel per case over the motion; ``worst`` (2, time) is drawn in the last one."""
     columns = min(2, len(responses))
     rows = ceil(len(responses) / columns)
-    fig = plots.figure(5.6 * columns + 0.4, 3.0 * rows + 1.8)
+    fig = plots.figure((5.6 if columns > 1 else 7.0) * columns + 0.4, 3.0 * rows + 1.8)
     grid = fig.add_gridspec(rows + 1, columns, height_ratios=(*[2.0] * rows, 1.0))
     thin = max(1, len(motion.t_s) // 2000)  # the extremes are in the table; a curve needs no more points
     t = motion.t_s[::thin]
     for k, response in enumerate(responses):
-        ax = fig.add_subplot(grid[k // columns, k % columns])
+        alone = k == len(responses) - 1 and k % columns == 0
+        ax = fig.add_subplot(grid[k // columns, :] if alone else grid[k // columns, k % columns])
         if worst is not None and k == len(responses) - 1:
             for axis in (0, 1):
                 band = worst[axis][::thin] * ARCMIN
-                ax.fill_between(t, -band, band, color=COLOURS[axis], alpha=0.13, linewidth=0.0, label=f"{AXES[axis]}, any signs")
+                ax.plot(t, band, t, -band, color=COLOURS[axis], linestyle=(0, (4, 2)), linewidth=1.0)
+                ax.plot([], [], color=COLOURS[axis], linestyle=(0, (4, 2)), linewidth=1.0, label=f"{AXES[axis]}, worst signs")
             if requirement_arcmin is not None:
                 for side in (-1.0, 1.0):
-                    ax.axhline(side * requirement_arcmin, color=plots.GREY, linestyle="--", linewidth=1.0)
-                ax.plot([], [], color=plots.GREY, linestyle="--", label=f"±{requirement_arcmin:g}{PRIME}")
+                    ax.axhline(side * requirement_arcmin, color="black", linewidth=0.8)
+                ax.plot([], [], color="black", linewidth=0.8, label=f"±{requirement_arcmin:g}{PRIME}")
         for axis in (0, 1):
             curve = response.linear[axis][::thin] * ARCMIN
             ax.plot(t, curve, color=COLOURS[axis], label=AXES[axis])
@@ -82,7 +84,7 @@ def _room_for_legend(ax: Axes) -> None:
     if high - low < 1e-9:
         low, high = low - 0.1, high + 0.1
     ax.set_ylim(low, high + 0.22 * (high - low))
-    ax.legend(loc="upper right", ncols=5, fontsize=8)
+    ax.legend(loc="upper right", ncols=5, fontsize=7.5, columnspacing=1.2, handlelength=1.8)
 
 
 def static_figure(points: Points, tables: Sequence[PoseTable], letters: bool = False) -> Figure:
@@ -156,7 +158,7 @@ def check_figure(check: Check, tolerances: Sequence[Tolerance], travel: Travel) 
     histogram.axvline(need, color=plots.GREY, linestyle="--", label=f"{need:g}{PRIME}")
     units = next(iter(check.made.values())).units
     histogram.set(title=f"worst attitude error of {units} units, arcmin", xlim=(0.0, edges[-1]), yticks=[])
-    histogram.legend(loc="upper right", fontsize=8)
+    histogram.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, fontsize=8)
     return fig
 
 
@@ -177,7 +179,8 @@ def budget_figure(budget: Budget) -> Figure:
     for kind in dict.fromkeys(row.kind for row in budget.rows):
         ax.barh([names[0]], [0.0], color=kinds[kind], label=kind)
     ax.invert_yaxis()
-    ax.set(title="rod-length error and the largest attitude error it gives", xlabel="µm", xlim=(0.0, 1.25 * max(values, default=1.0)))
+    reach = max(1.25 * max(values), 1.05e6 * (budget.rod_limit_m or 0.0), 1.0)
+    ax.set(title="rod-length error and the largest attitude error it gives", xlabel="µm", xlim=(0.0, reach))
     ax.grid(axis="y", visible=False)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=6, fontsize=8)
     return fig
