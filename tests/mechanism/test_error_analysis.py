@@ -39,7 +39,7 @@ def test_figures_5_and_6() -> None:
     assert ranges("dr", 1e-5) == pytest.approx([-0.092, 0.092, -0.126, 0.125], abs=5e-4)
     assert ranges("dh", 1e-5) == pytest.approx([0.344, 0.357, 0.342, 0.404], abs=5e-4)
     assert ranges("upper_radius", 1e-5)[2:] == pytest.approx([-0.135, 0.117], abs=5e-4)
-    assert ranges("lower_radius", 1e-5)[2:] == pytest.approx([-0.010, 0.0], abs=5e-4)
+    assert ranges("lower_radius", 1e-5)[2:] == pytest.approx([0.0, 0.010], abs=5e-4)
 
 
 def test_figure_7() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from spsp_ctrl.mechanism.paper_claims import Claim, paper_claims
-from spsp_ctrl.report.paper_page import claims_page
+from spsp_ctrl.report.paper_page import claims_lines, claims_page
 
 PAGE = Path(__file__).parents[2] / "docs/paper-claims.md"
 
@@ -93,3 +93,10 @@ def test_printed_forms(claims: dict[str, Claim]) -> None:
 def test_committed_page_is_the_generated_one(claims: dict[str, Claim]) -> None:
     text = claims_page(list(claims.values()))
     assert PAGE.read_text(encoding="utf-8") == text, "run: spsp-ctrl mechanism paper --markdown docs/paper-claims.md"
+
+
+def test_text(claims: dict[str, Claim]) -> None:
+    lines = claims_lines(list(claims.values()))
+    assert "NOT REPRODUCED  3.2, Fig 5b: dl2 = 0.02 mm: roll error about 0.9′" in lines
+    assert "corrected: roll −0.749 … −0.688′" in "\n".join(lines)
+    assert lines[-1].startswith(f"{len(claims)} claims: ")

@@ -140,11 +140,13 @@ class ToleranceFile(Strict):
     requirement: Angle | None = None
     """Largest pitch or roll error allowed anywhere in the workspace."""
     materials: Materials = Materials()
-    tolerances: tuple[ToleranceEntry, ...] = Field(min_length=1, max_length=60)
+    tolerances: tuple[ToleranceEntry, ...]
 
     @field_validator("tolerances")
     @classmethod
     def _once(cls, entries: tuple[ToleranceEntry, ...]) -> tuple[ToleranceEntry, ...]:
+        if not entries:
+            raise ValueError("no tolerances; add for instance `- {source: dl1, limit: 70, unit: um}`")
         twice = [name for name, count in Counter(e.source for e in entries).items() if count > 1]
         if twice:
             raise ValueError(f"error source {twice[0]!r} is listed twice; delete one")
