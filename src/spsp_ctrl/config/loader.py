@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from spsp_ctrl.config.rig import MECHANISM_SCHEMA, RIG_SCHEMA, MechanismFile, RigConfig
 from spsp_ctrl.config.scenario import SCENARIO_SCHEMA, Scenario
+from spsp_ctrl.config.tolerances import TOLERANCES_SCHEMA, TRANSMISSION_SCHEMA, ToleranceFile, TransmissionFile
 
 M = TypeVar("M", bound=BaseModel)
 Location = tuple[str | int, ...]
@@ -26,6 +27,8 @@ KINDS = {
     MECHANISM_SCHEMA: "a mechanism file",
     SCENARIO_SCHEMA: "a scenario file",
     "spsp-ctrl/model/1": "a plant model file",
+    TOLERANCES_SCHEMA: "a tolerance file",
+    TRANSMISSION_SCHEMA: "a transmission file",
 }
 
 
@@ -266,6 +269,16 @@ def load_mechanism(path: Path) -> Loaded[RigConfig] | Loaded[MechanismFile]:
 def load_scenario(path: Path) -> Loaded[Scenario]:
     """A scenario file."""
     return load_yaml_model(path, Scenario, SCENARIO_SCHEMA)
+
+
+def load_tolerances(path: Path) -> Loaded[ToleranceFile]:
+    """A tolerance file."""
+    return load_yaml_model(path, ToleranceFile, TOLERANCES_SCHEMA)
+
+
+def load_transmission(path: Path) -> Loaded[TransmissionFile]:
+    """A transmission file."""
+    return load_yaml_model(path, TransmissionFile, TRANSMISSION_SCHEMA)
 
 
 def resolve_reference(loaded: Loaded[Any], place: Location) -> Path:

@@ -17,10 +17,10 @@ from pydantic import Field
 
 from spsp_ctrl.config.loader import ConfigError, ConfigProblem, Loaded, load_yaml_model
 from spsp_ctrl.config.scenario import Strict
+from spsp_ctrl.config.units import SUFFIX, UNITS, spellings
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.effects import BY_NAME, EFFECTS, Effect, Parameter
 from spsp_ctrl.plant.layout import AXIS_BASE, AXIS_PARAMETERS, GLOBAL_BASE, GLOBAL_PARAMETERS, N_AXIS_PARAMETERS, N_PARAMETERS
-from spsp_ctrl.plant.units import SUFFIX, UNITS, spellings
 
 MODEL_SCHEMA = "spsp-ctrl/model/1"
 Location = tuple[str | int, ...]
