@@ -65,6 +65,19 @@ def lag_step(tau_s: float, dt: float) -> LagStep:
     return LagStep(keep, 1.0 - keep - new, new)
 
 
+class WatchParams(NamedTuple):
+    """What the watch over the law needs (``control.watch``)."""
+
+    corner_share: float
+    """Share of a low-pass at the corner in one period."""
+    window_share: float
+    frame_share: float
+    """The same at the IMU rate."""
+    window_s: float
+    chatter_a2: float
+    divergence_rad2: float
+
+
 class LawParams(NamedTuple):
     """Everything the estimator and the law need."""
 
@@ -151,6 +164,35 @@ def base_gains(base: BaseObserver, attitude_lag_s: float, gyro_lag_s: float) -> 
         radians(adaptive.rate_floor_deg_s),
         2.0 * pi / adaptive.period_min_s,
     )
+
+
+def watch_params(config: RigConfig) -> WatchParams:
+    """Thresholds squared, time constants as shares."""
+    w = config.control.watch
+    never = float("inf")
+    return WatchParams(
+        1.0 - exp(-2.0 * pi * w.corner_hz / config.rate_hz),
+        1.0 - exp(-1.0 / (w.window_s * config.rate_hz)),
+        1.0 - exp(-1.0 / (w.window_s * config.imu.rate_hz)),
+        w.window_s,
+        w.chatter_a**2 if w.enabled else never,
+        radians(w.divergence_arcmin / 60.0) ** 2 if w.enabled else never,
+    )
+
+
+def law_ladder(config: RigConfig) -> tuple[LawParams, ...]:
+    """The configured law, and the plainer ones that take over when it chatters or diverges."""
+    if config.control.law == "cascade":
+        return (law_params(config),)
+    plain = config.model_copy(update={"control": config.control.model_copy(update={"law": "cascade"})})
+    ladder = (law_params(config), law_params(plain))
+    performance = config.control.stabiliser.performance
+    if not performance.enabled:
+        return ladder
+    stiff = ladder[0]._replace(
+        speed_kp=performance.speed.kp_a_s_rad, speed_ki=performance.speed.ki_a_rad, rod_kp=performance.rod
+    )
+    return (stiff, *ladder)
 
 
 def law_params(config: RigConfig) -> LawParams:
