@@ -1,7 +1,7 @@
 """Tables of the pages in ``docs/``, made from the code that they describe.
 
-``python -m tools.make_docs`` rewrites what stands between ``<!-- generated: NAME -->`` and ``<!-- end -->``; with ``--check`` it writes nothing, names
-what is out of date and exits 1. Everything outside the markers is written by hand.
+``python -m tools.make_docs`` rewrites what stands between ``<!-- generated: NAME -->`` and ``<!-- end -->``; with ``--check`` it writes
+nothing, names what is out of date and exits 1. Everything outside the markers is written by hand.
 """
 
 from __future__ import annotations
@@ -160,8 +160,9 @@ def work() -> str:
 
 def sizes() -> str:
     """Lengths of the arrays."""
+    each, own = layout.N_AXIS_PARAMETERS, len(layout.GLOBAL_PARAMETERS)
     rows = [
-        ("parameters", "`p`", str(layout.N_PARAMETERS), f"{layout.N_AXIS_PARAMETERS} for each actuator, then {len(layout.GLOBAL_PARAMETERS)} of the rig"),
+        ("parameters", "`p`", str(layout.N_PARAMETERS), f"{each} for each actuator, then {own} of the rig"),
         ("state", "`x`", str(layout.N_STATE), f"{layout.N_AXIS_STATE} for each actuator, then {len(layout.RIG_STATE)} of the rig"),
         ("inputs", "`u`", str(layout.N_INPUT), f"one row for each control instant; the last {layout.N_NOISE} are noise"),
         ("command", "`command`", str(layout.N_COMMAND), "acts during one cycle"),
