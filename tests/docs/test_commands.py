@@ -1,7 +1,7 @@
 """Every command and example in README.md and docs/ is run as it stands, in a folder with nothing but a copy of ``config/``.
 
-In ``sh`` blocks each line must exit with 0, or with N where it ends in ``# exit N``. A ``yaml`` block after ``<!-- file: PATH -->`` is written there first; ``python``
-blocks are run. ``<!-- not run: reason -->`` before a block leaves it out. Lines that set up a checkout are what CI itself does.
+In ``sh`` blocks each line must exit with 0, or with N where it ends in ``# exit N``. A ``yaml`` block after ``<!-- file: PATH -->`` is written
+there first; ``python`` blocks are run. ``<!-- not run: reason -->`` before a block leaves it out. Lines that set up a checkout are left to CI.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ def commands(body: str) -> Iterator[tuple[int, str, int]]:
 
 
 def test_blocks_are_read_as_meant() -> None:
-    text = "```sh\nmake run\ntrue\nfalse  # exit 1\necho a \\\n  b\n```\n<!-- not run: needs hardware -->\n```sh\nboom\n```\n```yaml\na: 1\n```\n<!-- file: x -->\n```yaml\nb: 2\n```\n"
+    text = "```sh\nmake run\ntrue\nfalse  # exit 1\necho a \\\n  b\n```\n"
+    text += "<!-- not run: needs hardware -->\n```sh\nboom\n```\n```yaml\na: 1\n```\n<!-- file: x -->\n```yaml\nb: 2\n```\n"
     found = list(blocks(text))
     assert [(b.kind, b.file) for b in found] == [("sh", ""), ("yaml", "x")]
     assert [(c, n) for _, c, n in commands(found[0].body)] == [("true", 0), ("false", 1), ("echo a   b", 0)]
@@ -78,10 +79,7 @@ def test_page(page: Path, tmp_path: Path) -> None:
         if block.kind == "yaml":
             (tmp_path / block.file).write_text(block.body, encoding="utf-8")
             continue
-        if block.kind == "python":
-            steps = [(0, "", 0)]
-        else:
-            steps = list(commands(block.body))
+        steps = [(0, "", 0)] if block.kind == "python" else list(commands(block.body))
         for offset, command, wanted in steps:
             argv = ["bash", "-c", command] if command else [sys.executable, "-c", block.body]
             done = subprocess.run(argv, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=120)
