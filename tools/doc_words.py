@@ -165,8 +165,6 @@ WORKING: dict[str, tuple[str, str]] = {
     "mcx": ("kg m", "mass times centre of gravity"),
     "mcy": ("kg m", "likewise"),
     "mcz": ("kg m", "likewise"),
-    "travel0_pitch": ("m", "not used"),
-    "travel0_roll": ("m", "not used"),
 }
 
 REACTIONS: dict[str, str] = {
