@@ -132,7 +132,7 @@ def repair(path: Path, out: Path, *, force: bool = False) -> tuple[int, str]:
     kept, problem = 0, ""
     try:
         with part.open("wb") as stream:
-            writer = Writer(stream, chunk_size=64 * 1024, compression=CompressionType.LZ4)
+            writer = Writer(stream, chunk_size=64 * 1024, compression=CompressionType.LZ4, enable_data_crcs=True)
             writer.start(profile="ros2", library="spsp-ctrl repair")
             schemas: dict[int, int] = {0: 0}
             channels: dict[int, int] = {}
@@ -140,8 +140,10 @@ def repair(path: Path, out: Path, *, force: bool = False) -> tuple[int, str]:
             for record in records(path):
                 if isinstance(record, Schema) and record.id not in schemas:
                     schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-                elif isinstance(record, Channel) and record.id not in channels:
+                elif isinstance(record, Channel) and record.id not in channels and record.schema_id in schemas:
                     channels[record.id] = writer.register_channel(record.topic, record.message_encoding, schemas[record.schema_id])
+                elif isinstance(record, Message) and record.channel_id not in channels:
+                    problem = f"messages on an unknown channel {record.channel_id} were left out"
                 elif isinstance(record, Message):
                     writer.add_message(channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence)
                     kept += 1
@@ -151,7 +153,7 @@ def repair(path: Path, out: Path, *, force: bool = False) -> tuple[int, str]:
                     seen.add(record.name)
                     writer.add_metadata(record.name, dict(record.metadata))
                 elif isinstance(record, str):
-                    problem = record
+                    problem = problem or record
             writer.finish()
         os.replace(part, out)
     finally:

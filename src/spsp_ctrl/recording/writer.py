@@ -140,7 +140,8 @@ class Recorder:
         complaint = self._process.stderr.read().decode(errors="replace").strip() if self._process.stderr else ""
         if self._process.stderr:
             self._process.stderr.close()
-        if self._process.returncode and not self._problem:
+        if self._process.returncode:
+            # what the writer says itself beats what the loop saw of it (a broken pipe)
             self._problem = complaint.splitlines()[-1] if complaint else f"the log writer ended with {self._process.returncode}"
         return RecorderStats(self.records, self.lost, self._problem)
 

@@ -29,7 +29,8 @@ class McapLog:
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
-        self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.LZ4)
+        # the checksum over the data section also covers what stands between the chunks
+        self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.LZ4, enable_data_crcs=True)
         self._writer.start(profile="ros2", library=f"spsp-ctrl {__version__}")
         self._channels = []
         for topic, codec in TOPICS.items():
