@@ -21,10 +21,11 @@ from tests.sessions import RIG, command, one_clear_line, run_short
 from spsp_ctrl.messages import Measurement
 from spsp_ctrl.recording.reader import LogData, LogError, digest_topics, read_log
 from spsp_ctrl.recording.schema import TOPICS
+from spsp_ctrl.recording.writer import Recorder, RecorderError
 from spsp_ctrl.recording.writer_process import McapLog
 from spsp_ctrl.rig.simulated import SimulatedRig
 
-FUZZ = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FUZZ = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.fixture(scope="module")
@@ -226,6 +227,13 @@ def test_a_dead_writer_does_not_disturb_the_run_and_the_loss_is_counted(
     assert figures["records"] == kept
     assert figures["lost"] == handed - kept > 1000
     assert "writer" in figures["problem"]
+
+
+def test_a_log_that_cannot_be_opened_is_refused_before_the_clock_starts(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    (folder / "run.mcap").mkdir(parents=True)
+    with pytest.raises(RecorderError, match=r"the log cannot be written: .*Is a directory"):
+        Recorder(folder / "run.mcap", real_time=False)
 
 
 def test_a_full_file_system_is_reported_and_the_run_ends_cleanly(tmp_path: Path) -> None:

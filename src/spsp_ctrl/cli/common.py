@@ -59,7 +59,7 @@ def _user_exit_code(error: Exception) -> int | None:
         return EXIT_USER
     if isinstance(error, RigError):
         return EXIT_RIG
-    if type(error).__name__ == "NoPictures":
+    if type(error).__name__ in ("NoPictures", "RecorderError"):
         return EXIT_USER
     if type(error).__name__ == "LogError":
         return EXIT_DATA
