@@ -62,7 +62,9 @@ def run(
 
     attachments = {name: data.decode("utf-8", "replace") for name, data in result.log.attachments.items()}
     data = RunData(result.log.topics, result.log.events, result.log.metadata, attachments)
-    write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
+    lost = result.summary["log"]["lost"]
+    if len(result.log.topics["/control"]):
+        write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
     if as_json:
         click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
@@ -71,11 +73,16 @@ def run(
         from spsp_ctrl.report.summary_table import print_summary
 
         print_summary(result.summary, Console(), folder)
+    if lost or not result.log.complete:
+        problem = result.summary["log"]["problem"] or "the loop was faster than the log writer"
+        click.echo(f"{folder / 'run.mcap'} is not complete: {lost} records lost ({problem})", err=True)
     ended = result.loop.ended
     if ended.startswith("fault"):
         raise SystemExit(EXIT_RIG)
     if ended == "interrupted":
         raise SystemExit(EXIT_INTERRUPTED)
+    if lost or not result.log.complete:
+        raise SystemExit(EXIT_DATA)
     if strict and not all(row["pass"] for row in result.summary["acceptance"]):
         raise SystemExit(EXIT_ROW_FAILED)
 
@@ -142,6 +149,9 @@ def replay(log: Path, config: Path | None, overrides: tuple[str, ...], as_json: 
             click.echo(str(result.first))
     if result.first:
         raise SystemExit(EXIT_ROW_FAILED)
+    if result.log_problem:
+        click.echo(f"{log} is not complete ({result.log_problem}): only what could be read was compared", err=True)
+        raise SystemExit(EXIT_DATA)
     if result.active_cycles == 0:
         click.echo("the run was never ACTIVE: a replay of it proves nothing about the law", err=True)
         raise SystemExit(EXIT_DATA)
