@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from spsp_ctrl.cli.common import CONFIG, EXIT_DATA, EXIT_INTERRUPTED, EXIT_RIG, EXIT_ROW_FAILED, JSON, OVERRIDE, bar, guarded
+from spsp_ctrl.cli.common import CONFIG, EXIT_DATA, EXIT_INTERRUPTED, EXIT_RIG, EXIT_ROW_FAILED, JSON, OVERRIDE, bar, finite, guarded
 
 if TYPE_CHECKING:
     from spsp_ctrl.config.rig import RigConfig
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @CONFIG
 @OVERRIDE
 @click.option("--scenario", type=click.Path(path_type=Path), help="Play this scenario instead of the rig file's own.")
-@click.option("--duration", type=click.FloatRange(0.1, 86400.0), metavar="S", help="Seconds to run.")
+@click.option("--duration", type=click.FloatRange(0.1, 86400.0), callback=finite, metavar="S", help="Seconds to run.")
 @click.option("--fast", is_flag=True, help="Lock-step, as fast as the computer allows, instead of real time.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the virtual rig.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder; default runs/<UTC time>.")
@@ -51,8 +51,7 @@ def run(
     from spsp_ctrl.experiments import session
 
     say = _progress_line(as_json)
-    say("preparing the rig (the first start compiles the plant, about 10 s) ...")
-    rig = session.prepare(plan)
+    rig = session.prepare(plan, say)
     folder = session.new_folder(out)
     with _watch(plan, fast, as_json or no_screen) as watcher:
         result = session.run_session(plan, rig, folder, watcher, say)
@@ -92,6 +91,7 @@ def _plan(
 ) -> Plan:
     """Every file read and judged, before anything moves or is written."""
     from spsp_ctrl.config.loader import apply_overrides, load_rig, load_scenario, resolve_reference
+    from spsp_ctrl.experiments.checking import check_rig, check_scenario
     from spsp_ctrl.experiments.session import Plan
 
     loaded = load_rig(path)
@@ -100,7 +100,10 @@ def _plan(
     rig: RigConfig = loaded.model
     scenario_path = scenario or resolve_reference(loaded, ("scenario",))
     model_path = resolve_reference(loaded, ("rig", "model"))
-    plan: Scenario = load_scenario(scenario_path).model
+    check_rig(loaded)
+    played = load_scenario(scenario_path)
+    check_scenario(played)
+    plan: Scenario = played.model
     if duration is not None:
         plan = plan.model_copy(update={"duration_s": duration})
     return Plan(rig, plan, model_path, rig.rig.seed if seed is None else seed, real_time)

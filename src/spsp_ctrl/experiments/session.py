@@ -93,6 +93,8 @@ class SessionResult:
 def new_folder(out: Path | None) -> Path:
     """``out``, or ``runs/<UTC>`` in the working folder. Raises ``OSError`` (``FileExistsError`` for a folder that already holds a run)."""
     if out is not None:
+        if out.exists() and not out.is_dir():
+            raise NotADirectoryError(f"{out}: is a file, not a folder; choose another run folder")
         out.mkdir(parents=True, exist_ok=True)
         if (out / LOG_NAME).exists():
             raise FileExistsError(f"{out} already holds a run ({LOG_NAME}); choose another folder")
@@ -124,9 +126,9 @@ def interruptible() -> Iterator[Interrupts]:
             signal.signal(number, handler)
 
 
-def prepare(plan: Plan) -> Rig:
+def prepare(plan: Plan, announce: Callable[[str], None] = lambda text: None) -> Rig:
     """Build and open the rig: everything that can be refused is refused here, before a folder exists and before a clock starts."""
-    rig = build_rig(plan.config, plan.model_path, plan.scenario, plan.seed, real_time=plan.real_time)
+    rig = build_rig(plan.config, plan.model_path, plan.scenario, plan.seed, real_time=plan.real_time, announce=announce)
     rig.open()
     return rig
 
