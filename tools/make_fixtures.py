@@ -23,7 +23,7 @@ from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments import session
 from spsp_ctrl.experiments.session import Plan, Watcher
 from spsp_ctrl.messages import Command, OperatorRequest
-from spsp_ctrl.recording.reader import digest_topics, read_log, records
+from spsp_ctrl.recording.reader import LogError, digest_topics, read_log, records
 from spsp_ctrl.recording.schema import JSON_TOPICS, TOPICS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -114,8 +114,11 @@ def compare(before: Path | None, after: Path) -> list[str]:
     size = f"{after.stat().st_size / 1e3:.0f} kB, law {law}"
     if before is None:
         return [f"new, {size}", *(f"  {topic:<13} {digest[:16]}" for topic, digest in digest_topics(after).items())]
+    try:
+        old_law = read_log(before).metadata["run"]["law_digest"]
+    except LogError as error:
+        return [f"{size}; the layout of the log has changed, nothing to compare with", f"  {error}"]
     old, new = digest_topics(before), digest_topics(after)
-    old_law = read_log(before).metadata["run"]["law_digest"]
     lines = [size + ("" if law == old_law else f" (was {old_law})")]
     for topic in sorted({*old, *new}):
         a, b = old.get(topic, "absent")[:16], new.get(topic, "absent")[:16]

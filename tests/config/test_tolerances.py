@@ -34,7 +34,7 @@ def refused(tmp_path: Path, text: str) -> str:
         ("{source: dl3, limit: 0.07, unit: mm}", "3:6", "unknown error source 'dl3'; did you mean 'dl"),
         ("{source: dl1, limit: -0.07, unit: mm}", "3:19", "it must be > 0"),
         ("{source: dl1, limit: .nan, unit: mm}", "3:19", "finite number"),
-        ("{source: dl1, limit: small, unit: mm}", "3:19", "valid number"),
+        ("{source: dl1, limit: small, unit: mm}", "3:19", "a number is needed"),
         ("{source: dl1, limit: 0.07, unit: mm, minimum: 1}", "3:42", "unknown key 'tolerances.0.minimum'"),
         ("{source: dl1, limit: 0.07, unit: mm, min: 2, max: 1}", "3:5", "min (2) of 'dl1' must not exceed max (1)"),
         ("{source: dl1, limit: 0.07, unit: mm, distribution: gauss}", "3:42", "'uniform' or 'normal'"),
