@@ -42,7 +42,7 @@ def guarded(function: F) -> F:
             code = _user_exit_code(error)
             if code is None:
                 raise
-            click.echo(str(error), err=True)
+            click.echo(_text(error), err=True)
             raise SystemExit(code) from None
 
     return cast("F", wrapper)
@@ -68,6 +68,13 @@ def _user_exit_code(error: Exception) -> int | None:
     if isinstance(error, FileNotFoundError | FileExistsError | IsADirectoryError | NotADirectoryError | PermissionError):
         return EXIT_USER
     return None
+
+
+def _text(error: Exception) -> str:
+    """The operating system's complaints in the form of all others: which file, what is wrong."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{error.filename}: {error.strerror[0].lower()}{error.strerror[1:]}"
+    return str(error)
 
 
 def finite(ctx: click.Context, param: click.Parameter, value: Any) -> Any:

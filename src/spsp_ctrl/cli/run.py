@@ -63,7 +63,10 @@ def run(
     data = RunData(result.log.topics, result.log.events, result.log.metadata, attachments)
     lost = result.summary["log"]["lost"]
     if len(result.log.topics["/control"]):
+        try:
         write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
+    except OSError as error:  # the run is over and recorded; its table still tells
+        click.echo(f"{folder / 'report.html'}: cannot be written: {error.strerror}", err=True)
     if as_json:
         click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:

@@ -144,8 +144,10 @@ def run_session(
     config, scenario = plan.config, plan.scenario
     period_ns = round(1e9 / config.rate_hz)
     identity = rig.open()
+    # the files beside it under their names there, so that the folder itself can be run again
+    own = config.model_copy(update={"scenario": "scenario.yaml", "rig": config.rig.model_copy(update={"model": "model.yaml"})})
     files = {
-        "rig.yaml": dump_resolved(config),
+        "rig.yaml": dump_resolved(own),
         "scenario.yaml": dump_resolved(scenario),
         "model.yaml": plan.model_path.read_text(encoding="utf-8"),
     }

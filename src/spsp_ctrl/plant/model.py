@@ -30,8 +30,11 @@ class Quantity(Strict):
     """A number with its unit and where it comes from."""
 
     value: float
+    """The number."""
     unit: str
+    """Its unit, any of the same dimension."""
     source: str = ""
+    """Where it comes from."""
     std: float | None = Field(default=None, ge=0.0)
     """Standard deviation in the same unit, once identified."""
 
@@ -40,9 +43,11 @@ class EffectEntry(Strict):
     """One effect that acts."""
 
     effect: str
+    """Standard name."""
     axis: Literal["both", "pitch", "roll"] = "both"
     """Which actuator it acts on; ignored by effects of the whole rig."""
     parameters: dict[str, Quantity]
+    """Its parameters; what is not given is zero."""
 
 
 class ModelFile(Strict):
@@ -50,7 +55,9 @@ class ModelFile(Strict):
 
     schema_: Literal["spsp-ctrl/model/1"] = Field(alias="schema")
     name: str = Field(min_length=1, max_length=80)
+    """Name of the model."""
     kind: Literal["platform"] = "platform"
+    """What is modelled."""
     actuator: dict[str, Quantity]
     """Both actuators."""
     pitch_actuator: dict[str, Quantity] = Field(default_factory=dict)
@@ -60,6 +67,7 @@ class ModelFile(Strict):
     rig: dict[str, Quantity]
     """Mechanism, azimuth drive, temperatures, IMU."""
     effects: tuple[EffectEntry, ...] = ()
+    """What acts beside the ideal plant."""
 
 
 def key(parameter: Parameter, prefix: str = "") -> str:
