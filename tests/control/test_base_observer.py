@@ -25,7 +25,7 @@ from spsp_ctrl.mechanism.frames import (
     multiply,
     roll_from_imu,
 )
-from spsp_ctrl.mechanism.levelling import base_rate_on_platform, tilt_joints
+from spsp_ctrl.mechanism.levelling import base_rate_on_platform, platform_tilt, tilt_joints
 
 RIG = load_rig(Path(__file__).parents[2] / "config" / "rig.yaml")
 P = law_params(RIG.model)
@@ -71,6 +71,7 @@ def test_tilt_joints_put_the_platform_where_it_is_wanted(
         multiply(attitude(0.4, base_pitch, base_roll), attitude(azimuth, pitch, roll))
     )
     assert got_pitch == pytest.approx(pitch_ref, abs=1e-12)
+    assert platform_tilt(base_pitch, base_roll, azimuth, pitch, roll) == pytest.approx((pitch_ref, roll_ref), abs=1e-12)
     assert roll_from_imu(imu_roll) == pytest.approx(roll_ref, abs=1e-12)
 
 

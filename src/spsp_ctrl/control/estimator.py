@@ -13,6 +13,7 @@ from spsp_ctrl.control.params import AxisParams, LawParams, lag_step
 from spsp_ctrl.control.screw_map import ScrewMap
 from spsp_ctrl.mechanism.frames import joint_rates_to_body, roll_from_imu, wrap_angle
 from spsp_ctrl.mechanism.kinematics import attitude_from_rods, jacobian, rod_lengths
+from spsp_ctrl.mechanism.levelling import platform_tilt
 from spsp_ctrl.messages import DriveSample, Estimate, Measurement, ResolverSample
 
 COAST_PREDICTION_S = 0.25
@@ -45,6 +46,7 @@ class EstimatorState(NamedTuple):
     pitch_rate: float
     roll_rate: float
     since_attitude_s: float
+    coasting: bool
     flank_pitch: Flank
     flank_roll: Flank
 
@@ -82,6 +84,7 @@ def start(measurement: Measurement, p: LawParams) -> EstimatorState:
         pitch_rate=0.0,
         roll_rate=0.0,
         since_attitude_s=0.0,
+        coasting=False,
         flank_pitch=Flank(0.0, 0.0, 1.0),
         flank_roll=Flank(0.0, 0.0, 1.0),
     )
@@ -156,8 +159,10 @@ def step(
     screw1, screw2 = rod1, rod2
     flank_pitch, flank_roll = state.flank_pitch, state.flank_roll
     if p.gap is not None:
-        flank_pitch = backlash.follow(flank_pitch, p.gap, rate1 * dt, gap_pitch.gravity_n, gap_pitch.moving)
-        flank_roll = backlash.follow(flank_roll, p.gap, rate2 * dt, gap_roll.gravity_n, gap_roll.moving)
+        step1 = (pitch.angle - state.pitch.angle) * p.pitch.travel_per_rad_m
+        step2 = (roll.angle - state.roll.angle) * p.roll.travel_per_rad_m
+        flank_pitch = backlash.follow(flank_pitch, p.gap, step1, gap_pitch.gravity_n, gap_pitch.moving)
+        flank_roll = backlash.follow(flank_roll, p.gap, step2, gap_roll.gravity_n, gap_roll.moving)
         rod1 -= flank_pitch.offset_m
         rod2 -= flank_roll.offset_m
         rate1 *= flank_pitch.share
@@ -229,12 +234,12 @@ def step(
     base_yaw_rate = base.yaw_rate + reach * base.yaw_accel
     coasting = False
     if attitude_dt == 0.0 and seq >= 0 and age > p.imu_delay_s + 1.5 * p.imu_period_s:
-        # what the platform does is what the base is believed to do plus what the joints do
+        # where the platform is follows from where the base is believed to be and what the joints do
         coasting = True
-        platform_pitch_rate = base_pitch_rate + pitch_rate
-        platform_roll_rate = base_roll_rate + roll_rate
-        pitch_rad += platform_pitch_rate * dt
-        roll_rad += platform_roll_rate * dt
+        before_pitch, before_roll = pitch_rad, roll_rad
+        pitch_rad, roll_rad = platform_tilt(base_pitch, base_roll, azimuth, joint_pitch, joint_roll)
+        platform_pitch_rate = (pitch_rad - before_pitch) / dt if state.coasting else platform_pitch_rate
+        platform_roll_rate = (roll_rad - before_roll) / dt if state.coasting else platform_roll_rate
         heading = wrap_angle(heading + (base_yaw_rate + azimuth_rate) * dt)
         if since >= p.imu_period_s - 0.5 * dt:
             attitude_dt, since = since, 0.0
@@ -296,6 +301,7 @@ def step(
             platform_pitch_rate,
             platform_roll_rate,
             since,
+            coasting,
             flank_pitch,
             flank_roll,
         ),

@@ -27,6 +27,20 @@ def tilt_joints(
     return pitch, atan2(gy, sqrt(across * across - vx * vx)) + roll_ref
 
 
+def platform_tilt(
+    base_pitch: float, base_roll: float, azimuth: float, joint_pitch: float, joint_roll: float
+) -> tuple[float, float]:
+    """Platform (pitch, roll) in space for a base tilt and the joints: the inverse of :func:`tilt_joints`."""
+    cb = cos(base_pitch)
+    ux, uy, gz = -sin(base_pitch), -sin(base_roll) * cb, cos(base_roll) * cb
+    ca, sa = cos(azimuth), sin(azimuth)
+    gx, gy = ca * ux + sa * uy, ca * uy - sa * ux
+    cp, sp = cos(joint_pitch), sin(joint_pitch)
+    vx, z = cp * gx - sp * gz, sp * gx + cp * gz
+    cr, sr = cos(joint_roll), sin(joint_roll)
+    return -asin(min(1.0, max(-1.0, vx))), -atan2(cr * gy - sr * z, sr * gy + cr * z)
+
+
 def base_rate_on_platform(
     base_pitch: float,
     base_roll: float,
