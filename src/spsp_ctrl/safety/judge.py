@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import isfinite
-from typing import NamedTuple
 
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.messages import Command, Estimate, Measurement
@@ -18,7 +18,8 @@ _NOT_FINITE = BY_ID["not-finite"]
 _TRAVEL_SWITCH = BY_ID["travel-switch"]
 
 
-class JudgeLimits(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class JudgeLimits:
     """Ages in ns."""
 
     imu_ns: int
