@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from typing import NamedTuple, Protocol
 
+_new = tuple.__new__
+
 
 class Tick(NamedTuple):
     """Begin of a cycle: its number, its SYNC on the control clock, how late it began, and how many cycles were skipped before it."""
@@ -44,7 +46,7 @@ class LockStepClock:
     def tick(self) -> Tick:
         """The next cycle, never late."""
         self._cycle += 1
-        return Tick(self._cycle, self._cycle * self._period_ns, 0, 0)
+        return _new(Tick, (self._cycle, self._cycle * self._period_ns, 0, 0))
 
 
 class MonotonicClock:
@@ -71,4 +73,4 @@ class MonotonicClock:
         skipped = (now - due) // self._period_ns
         cycle = self._next + skipped
         self._next = cycle + 1
-        return Tick(cycle, cycle * self._period_ns, now - due - skipped * self._period_ns, skipped)
+        return _new(Tick, (cycle, cycle * self._period_ns, now - due - skipped * self._period_ns, skipped))
