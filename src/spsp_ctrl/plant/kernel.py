@@ -74,14 +74,6 @@ def cycle(
     observe(x, p, u1, out, w, force_pitch, force_roll)
 
 
-@entry
-def advance(
-    x: Array, p: Array, rows: Array, i: int, command: Array, out: Array, w: Array, substeps: int, period: float, imu_due: bool
-) -> None:
-    """``cycle`` from row ``i`` of the inputs ``rows`` to the next: two views less to make in Python in every cycle."""
-    cycle(x, p, rows[i], rows[i + 1], command, out, w, substeps, period, imu_due)
-
-
 @compiled
 def observe(x: Array, p: Array, u: Array, out: Array, w: Array, force_pitch: float, force_roll: float) -> None:
     """Write the remaining truths and the readings of actuators and azimuth."""

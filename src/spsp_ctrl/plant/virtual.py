@@ -61,11 +61,11 @@ class VirtualPlant:
         """One cycle under ``command`` (``layout.C``); returns the output row, valid until the next call."""
         i = self.cycle % BLOCK
         self.cycle += 1
-        kernel.advance(
+        kernel.cycle(
             self.state,
             self.parameters,
-            self._rows,
-            i,
+            self._rows[i],
+            self._rows[i + 1],
             command,
             self.out,
             self._work,
@@ -79,11 +79,11 @@ class VirtualPlant:
 
     def warm_up(self) -> None:
         """Compile (or load) the kernel without touching the state."""
-        kernel.advance(
+        kernel.cycle(
             self.state.copy(),
             self.parameters,
-            self._rows,
-            0,
+            self._rows[0],
+            self._rows[1],
             np.zeros(N_COMMAND),
             self.out.copy(),
             self._work.copy(),
