@@ -260,6 +260,10 @@ class Control(NamedTuple):
     mode: int
     fault: int
     """Number of the first fault (``safety.faults``), 0 for none."""
+    law_step: int
+    """How many plainer laws have taken over: 0 is the configured one."""
+    law_reason: int
+    """Why the last of them did (``control.watch.Reason``)."""
     estimate: Estimate
     reference: Reference
     pitch: AxisTerms

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import math
 import sys
@@ -15,7 +16,7 @@ import click
 EXIT_ROW_FAILED, EXIT_USER, EXIT_RIG, EXIT_DATA, EXIT_INTERNAL, EXIT_INTERRUPTED = 1, 2, 3, 4, 5, 130
 EXIT_CODES = """\b
 Exit codes: 0 ok, 1 acceptance row failed or replay differs, 2 wrong input,
-3 rig fault, 4 data not understood, 5 internal error, 130 interrupted."""
+3 rig fault, 4 data not understood or log not complete, 5 internal error, 130 interrupted."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -47,6 +48,9 @@ def guarded(function: F) -> F:
     return cast("F", wrapper)
 
 
+_STORAGE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
+
+
 def _user_exit_code(error: Exception) -> int | None:
     from spsp_ctrl.config.loader import ConfigError
     from spsp_ctrl.rig.base import RigError
@@ -55,10 +59,12 @@ def _user_exit_code(error: Exception) -> int | None:
         return EXIT_USER
     if isinstance(error, RigError):
         return EXIT_RIG
-    if type(error).__name__ == "NoPictures":
+    if type(error).__name__ in ("NoPictures", "RecorderError"):
         return EXIT_USER
     if type(error).__name__ == "LogError":
         return EXIT_DATA
+    if isinstance(error, OSError) and error.errno in _STORAGE:
+        return EXIT_USER
     if isinstance(error, FileNotFoundError | FileExistsError | IsADirectoryError | NotADirectoryError | PermissionError):
         return EXIT_USER
     return None

@@ -232,10 +232,31 @@ class StabiliserTerms(Strict):
     """Learning of the periodic lead error."""
 
 
-class StabiliserGains(CascadeGains):
-    """Gains and terms of the stabiliser."""
+class PerformanceGains(Strict):
+    """Stiffer inner loops. Only for a motor whose constant and inertia are identified to 15 %: else they chatter at the first structural mode."""
 
+    enabled: bool = False
+    speed: SpeedLoop
+    rod: float = Field(ge=0.0, le=1000.0, alias="rod_kp_1_s")
+
+
+class StabiliserGains(CascadeGains):
+    """Gains and terms of the stabiliser. The default gains hold for +-30 % of motor constant and inertia."""
+
+    performance: PerformanceGains
     terms: StabiliserTerms = StabiliserTerms()
+
+
+class Watch(Strict):
+    """When a plainer law takes over by itself: performance gains -> stabiliser -> cascade."""
+
+    enabled: bool = True
+    chatter_a: float = Field(default=0.2, gt=0.0, le=100.0)
+    """Rms of a motor current above ``corner_hz``, over ``window_s``."""
+    corner_hz: float = Field(default=40.0, ge=5.0, le=400.0)
+    window_s: float = Field(default=0.5, ge=0.05, le=10.0)
+    divergence_arcmin: float = Field(default=20.0, gt=0.0, le=600.0)
+    """Rms of the innovations of the base observer, over the same window."""
 
 
 class HeadingLoop(Strict):
@@ -255,6 +276,7 @@ class ControlConfig(Strict):
     screw_map: ScrewMapConfig = ScrewMapConfig()
     stabiliser: StabiliserGains
     cascade: CascadeGains
+    watch: Watch = Watch()
     heading: HeadingLoop
 
 

@@ -12,7 +12,7 @@ SCENARIO_SCHEMA = "spsp-ctrl/scenario/1"
 class Strict(BaseModel):
     """Base of every config model: unknown keys, NaN and infinity are errors; instances do not change."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 class Sine(Strict):

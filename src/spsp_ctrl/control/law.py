@@ -207,6 +207,20 @@ def _rod(
     return terms, _new(AxisState, (speed, integral, bits, slow_1, slow_2, envelope, friction)), gap
 
 
+def reseed(state: LawState, p: LawParams, e: Estimate) -> LawState:
+    """The memory for another law ``p`` that takes over while moving: rods go on at the speed they have.
+
+    A law that follows the base by itself needs nothing; one without feed-forward must already have in its integral what it fed forward.
+    """
+    if p.observe or p.feedforward:
+        return state._replace(attitude_pitch=_ATTITUDE, attitude_roll=_ATTITUDE)
+    pitch_rate = state.axis_pitch.rod_speed / e.lever_pitch_m_rad
+    roll_rate = (state.axis_roll.rod_speed - e.lever_cross_m_rad * pitch_rate) / e.lever_roll_m_rad
+    return state._replace(
+        attitude_pitch=_ATTITUDE._replace(integral=pitch_rate), attitude_roll=_ATTITUDE._replace(integral=roll_rate)
+    )
+
+
 class _Wanted(NamedTuple):
     """What a position loop asks of the joints and the rods."""
 

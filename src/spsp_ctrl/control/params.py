@@ -6,7 +6,7 @@ read in a tenth of the time of a named field.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, pi, radians
 from typing import NamedTuple
 
@@ -70,6 +70,20 @@ def lag_step(tau_s: float, dt: float) -> LagStep:
     keep = exp(-dt / tau_s)
     new = 1.0 - tau_s / dt * (1.0 - keep)
     return LagStep(keep, 1.0 - keep - new, new)
+
+
+@dataclass(frozen=True, slots=True)
+class WatchParams:
+    """What the watch over the law needs (``control.watch``)."""
+
+    corner_share: float
+    """Share of a low-pass at the corner in one period."""
+    window_share: float
+    frame_share: float
+    """The same at the IMU rate."""
+    window_s: float
+    chatter_a2: float
+    divergence_rad2: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +173,35 @@ def base_gains(base: BaseObserver, attitude_lag_s: float, gyro_lag_s: float) -> 
         radians(adaptive.rate_floor_deg_s),
         2.0 * pi / adaptive.period_min_s,
     )
+
+
+def watch_params(config: RigConfig) -> WatchParams:
+    """Thresholds squared, time constants as shares."""
+    w = config.control.watch
+    never = float("inf")
+    return WatchParams(
+        1.0 - exp(-2.0 * pi * w.corner_hz / config.rate_hz),
+        1.0 - exp(-1.0 / (w.window_s * config.rate_hz)),
+        1.0 - exp(-1.0 / (w.window_s * config.imu.rate_hz)),
+        w.window_s,
+        w.chatter_a**2 if w.enabled else never,
+        radians(w.divergence_arcmin / 60.0) ** 2 if w.enabled else never,
+    )
+
+
+def law_ladder(config: RigConfig) -> tuple[LawParams, ...]:
+    """The configured law, and the plainer ones that take over when it chatters or diverges."""
+    if config.control.law == "cascade":
+        return (law_params(config),)
+    plain = config.model_copy(update={"control": config.control.model_copy(update={"law": "cascade"})})
+    ladder = (law_params(config), law_params(plain))
+    performance = config.control.stabiliser.performance
+    if not performance.enabled:
+        return ladder
+    stiff = replace(
+        ladder[0], speed_kp=performance.speed.kp_a_s_rad, speed_ki=performance.speed.ki_a_rad, rod_kp=performance.rod
+    )
+    return (stiff, *ladder)
 
 
 def law_params(config: RigConfig) -> LawParams:

@@ -176,12 +176,13 @@ def _impossible(file: ModelFile) -> Iterator[tuple[Location, str]]:
 def load_model(path: Path) -> PlantModel:
     """Read and check a model file. Raises ``ConfigError`` with one line per problem."""
     loaded: Loaded[ModelFile] = load_yaml_model(path, ModelFile, MODEL_SCHEMA)
-    problems = []
+    problems = {}
     for place, text in check(loaded.model):
         line, column = loaded.locate(place)
-        problems.append(ConfigProblem(path=path, line=line, column=column, message=f"{text} ({'.'.join(map(str, place))})"))
+        problem = ConfigProblem(path=path, line=line, column=column, message=f"{text} ({'.'.join(map(str, place))})")
+        problems[str(problem)] = problem  # said once, also where it concerns both actuators
     if problems:
-        raise ConfigError(tuple(sorted(problems, key=lambda problem: (problem.line, problem.column, problem.message))))
+        raise ConfigError(tuple(sorted(problems.values(), key=lambda problem: (problem.line, problem.column, problem.message))))
     return PlantModel(loaded.model, path)
 
 

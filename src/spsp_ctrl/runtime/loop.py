@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from spsp_ctrl.control.watch import Reason
 from spsp_ctrl.messages import Command, Control, Measurement, Mode, OperatorRequest, Timing, Truth
 from spsp_ctrl.rig.base import Rig
 from spsp_ctrl.runtime.clock import Clock
@@ -107,6 +108,7 @@ def run_loop(
     result = LoopResult("completed")
     interrupts = interrupts or Interrupts()
     mode = -1
+    law_step = 0
     last_ns = -period_ns
     ending = ""
     now = time.perf_counter_ns
@@ -149,6 +151,10 @@ def run_loop(
                 result.skipped += skipped
                 result.skipped_stamps_ns.append(now_ns)
                 event("warning", "skip", f"{skipped} cycle(s) skipped", now_ns)
+            if control.law_step != law_step:
+                law_step = control.law_step
+                why = Reason(control.law_reason).name.lower()
+                event("warning", "law-fallback", f"a plainer law has taken over ({why}); see control.watch in the rig file", now_ns)
             if control.mode != mode:
                 _report_mode(event, mode, control)
                 mode = control.mode
