@@ -10,9 +10,10 @@ from mcap.writer import CompressionType, Writer
 from tests.sessions import RIG, command, one_clear_line, run_short
 
 from spsp_ctrl.messages import Control, Measurement
+from spsp_ctrl.recording.frames import TOPIC_NAMES
 from spsp_ctrl.recording.reader import digest_topics, messages, read_log
 from spsp_ctrl.recording.schema import JSON_TOPICS, TOPICS
-from spsp_ctrl.recording.writer_process import TOPIC_NAMES, McapLog
+from spsp_ctrl.recording.writer_process import McapLog
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from itertools import product
 
 from spsp_ctrl.messages import Mode
@@ -60,7 +61,7 @@ def test_every_reachable_state_keeps_the_promises() -> None:
 
 
 def test_auto_arm_arms_once_and_not_again_after_a_stop() -> None:
-    params = PARAMS._replace(auto_arm=True)
+    params = replace(PARAMS, auto_arm=True)
     state = START
     modes = []
     for k in range(40):

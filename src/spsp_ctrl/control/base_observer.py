@@ -16,6 +16,7 @@ Base attitude: ``Rz(yaw) Ry(pitch) Rx(-roll)``, the same signs as the joints (``
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import asin, atan2, cos, exp, sin, sqrt
 from typing import NamedTuple
 
@@ -23,7 +24,8 @@ Vector = tuple[float, float, float]
 _new = tuple.__new__
 
 
-class BaseGains(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class BaseGains:
     """Steady-state Kalman gains of one tilt axis at the IMU rate, and what the learning of omega needs."""
 
     angle_by_attitude: float

@@ -15,6 +15,8 @@ from spsp_ctrl.messages import Reference, ReferenceKind
 HEADING_SMOOTHING_S = 0.2
 """Time over which the heading's acceleration changes; it delays a move by half of it and bounds the jerk."""
 
+_new = tuple.__new__
+
 Waves = tuple[tuple[float, float, float], ...]
 """Amplitude in rad, angular frequency in rad/s, phase in rad."""
 
@@ -79,7 +81,10 @@ class ReferenceSource:
                 roll += grown * wave
                 roll_rate += growth * wave + grown * amplitude * omega * cos(angle)
         heading, heading_rate = self._heading.at(t_s)
-        return Reference(self._kind, pitch, roll, wrap_angle(heading), pitch_rate, roll_rate, heading_rate)
+        reference: Reference = _new(
+            Reference, (self._kind, pitch, roll, wrap_angle(heading), pitch_rate, roll_rate, heading_rate)
+        )
+        return reference
 
     def with_heading(self, t_s: float, heading_rad: float) -> ReferenceSource:
         """The source after an operator asked at ``t_s`` for ``heading_rad`` (any turn of it): smoothly there from the

@@ -84,10 +84,10 @@ class TargetProfile(NamedTuple):
 
     def at(self, t_s: float) -> tuple[float, float]:
         """Position and its exact rate."""
-        window = self.smoothing_s
+        pieces, starts_s, _, _, window = self
         begin = t_s - window
-        last = max(0, bisect_right(self.starts_s, t_s) - 1)
-        start, position, rate, accel = self.pieces[last]
+        last = max(0, bisect_right(starts_s, t_s) - 1)
+        start, position, rate, accel = pieces[last]
         if rate == 0.0 and accel == 0.0:
             now = position
             if start <= begin:
@@ -101,7 +101,7 @@ class TargetProfile(NamedTuple):
         # the window spans several pieces: the area under each, relative to now so that nothing cancels
         area = 0.0
         end = t_s
-        for start, position, rate, accel in reversed(self.pieces[: last + 1]):
+        for start, position, rate, accel in reversed(pieces[: last + 1]):
             a = max(start, begin)
             length = end - a
             if rate == 0.0 and accel == 0.0:

@@ -9,14 +9,21 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple, get_type_hints
-
-import numpy as np
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 from spsp_ctrl.messages import Control, Measurement, Timing, Truth
 
+if TYPE_CHECKING:
+    import numpy as np
+
 HEADER = b"\x00\x01\x00\x00"
 """Encapsulation header: CDR, little-endian."""
+
+RECORD = struct.Struct("<BQHIQQ")
+"""Head of an MCAP message record: opcode, length of what follows, channel, sequence, log time, publish time."""
+MESSAGE_OPCODE = 5
+OPCODE_AND_LENGTH = 9
 
 _ROS = {float: "float64", int: "int64", bool: "bool"}
 _CODE = {float: "d", int: "q", bool: "?"}
@@ -59,20 +66,21 @@ def ros_schema(cls: type) -> str:
     return text
 
 
+def _parts(cls: type, path: str) -> list[str]:
+    """The leaves of a message as source text: ``path`` is the expression for the message, runs of leaves come starred."""
+    if all(kind in _CODE for _, kind in _fields(cls)):
+        return [f"*{path}"]
+    return [
+        item
+        for i, (_, kind) in enumerate(_fields(cls))
+        for item in ([f"{path}[{i}]"] if kind in _CODE else _parts(kind, f"{path}[{i}]"))
+    ]
+
+
 def _flattener(cls: type) -> Callable[[Any], tuple[Any, ...]]:
     """A function that turns a message into the flat tuple of its leaves (made from text once, as ``namedtuple`` itself does)."""
-
-    def parts(c: type, path: str) -> list[str]:
-        if all(kind in _CODE for _, kind in _fields(c)):
-            return [f"*{path}"]
-        return [
-            item
-            for i, (_, kind) in enumerate(_fields(c))
-            for item in ([f"{path}[{i}]"] if kind in _CODE else parts(kind, f"{path}[{i}]"))
-        ]
-
     space: dict[str, Any] = {}
-    exec(f"def flatten(m):\n    return ({', '.join(parts(cls, 'm'))},)", space)  # text built from our own class names only
+    exec(f"def flatten(m):\n    return ({', '.join(_parts(cls, 'm'))},)", space)  # text built from our own class names only
     flatten: Callable[[Any], tuple[Any, ...]] = space["flatten"]
     return flatten
 
@@ -108,7 +116,11 @@ class Codec:
     layout: struct.Struct
     flatten: Callable[[Any], tuple[Any, ...]]
     build: Callable[[tuple[Any, ...]], Any]
-    dtype: np.dtype[Any]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """A payload as one structured element, with dotted field names."""
+        return _dtype(self.cls)
 
     def encode(self, message: NamedTuple) -> bytes:
         """CDR payload."""
@@ -119,20 +131,35 @@ class Codec:
         return self.build(self.layout.unpack(payload)[1:])
 
 
-def _codec(cls: type) -> Codec:
-    code, offset, offsets, names, formats = "<4s", 0, [], [], []
+def _placed(cls: type) -> Iterator[tuple[str, type, int, int]]:
+    """Name, kind, padding before and offset of every leaf in a payload without its header."""
+    offset = 0
     for name, kind in _leaves(cls):
         size = struct.calcsize("<" + _CODE[kind])
         pad = -offset % size
-        code += "x" * pad + _CODE[kind]
-        offset += pad
-        offsets.append(offset + len(HEADER))
-        names.append(name)
-        formats.append(_NUMPY[kind])
-        offset += size
-    layout = struct.Struct(code)
-    dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": layout.size})
-    return Codec(cls, layout, _flattener(cls), _unflattener(cls), dtype)
+        yield name, kind, pad, offset + pad
+        offset += pad + size
+
+
+def _codec(cls: type) -> Codec:
+    code = "<4s" + "".join("x" * pad + _CODE[kind] for _, kind, pad, _ in _placed(cls))
+    return Codec(cls, struct.Struct(code), _flattener(cls), _unflattener(cls))
+
+
+@cache
+def _dtype(cls: type) -> np.dtype[Any]:
+    import numpy as np  # here: the writer process packs nothing and must start soon
+
+    names, kinds, _, offsets = zip(*_placed(cls), strict=True)
+    size = _codec(cls).layout.size
+    return np.dtype(
+        {
+            "names": list(names),
+            "formats": [_NUMPY[kind] for kind in kinds],
+            "offsets": [len(HEADER) + offset for offset in offsets],
+            "itemsize": size,
+        }
+    )
 
 
 TOPICS: dict[str, Codec] = {
@@ -142,6 +169,27 @@ TOPICS: dict[str, Codec] = {
     "/truth": _codec(Truth),
 }
 CYCLIC = tuple(TOPICS)
+
+
+def packer(head: str, topics: tuple[str, ...]) -> Callable[..., bytes]:
+    """A function ``pack(t, k, first, *messages)`` for one message of each topic as MCAP message records, one after the other, in one ``struct`` call.
+
+    ``t`` is the log time in ns, ``k`` the sequence, ``first`` a tuple of what ``head`` (codes of :mod:`struct`) lays out before the records. The
+    channel of a topic is its place in ``TOPICS``, counted from 1.
+    """
+    code, names, values = "<" + head, [], []
+    space: dict[str, Any] = {"header": HEADER}
+    for name in topics:
+        codec, channel = TOPICS[name], CYCLIC.index(name) + 1
+        record = struct.pack("<BQH", MESSAGE_OPCODE, RECORD.size - OPCODE_AND_LENGTH + codec.layout.size, channel)
+        code += f"{len(record)}sIQQ" + codec.layout.format.removeprefix("<")
+        space[f"record{channel}"] = record
+        names.append(f"m{channel}")
+        values += [f"record{channel}", "k", "t", "t", "header", *_parts(codec.cls, names[-1])]
+    space["layout"] = struct.Struct(code).pack
+    exec(f"def pack(t, k, first, {', '.join(names)}):\n    return layout(*first, {', '.join(values)})", space)
+    pack: Callable[..., bytes] = space["pack"]
+    return pack
 
 EVENT_SCHEMA = {
     "title": "spsp_ctrl.Event",

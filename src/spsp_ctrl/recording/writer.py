@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import json
 import os
+import select
 import subprocess
 import sys
 from collections import deque
@@ -14,16 +15,27 @@ from pathlib import Path
 from typing import NamedTuple
 
 from spsp_ctrl.messages import Control, Measurement, OperatorRequest, Timing, Truth
-from spsp_ctrl.recording.schema import HEADER, JSON_TOPICS, TOPICS
-from spsp_ctrl.recording.writer_process import ATTACHMENT, FRAME, MESSAGE, METADATA, TOPIC_NAMES
+from spsp_ctrl.recording.frames import (
+    ATTACHMENT,
+    CYCLE,
+    FRAME,
+    MESSAGE,
+    METADATA,
+    SIZES,
+    TOPIC_NAMES,
+    pack_with_truth,
+    pack_without_truth,
+)
 
 BATCH_REAL_TIME = 10
 """Cycles per hand-over: 10 ms of log are lost at the most when the controller is killed, on top of an open chunk of 50 ms."""
 BATCH_LOCK_STEP = 64
 BACKLOG_BYTES = 8 << 20
+"""What may wait for the writer (which takes a while to start): beyond it records are lost in real time, and the loop waits in lock-step."""
 PIPE_BYTES = 1 << 20
 CLOSE_TIMEOUT_S = 60.0
-_MEASUREMENT, _CONTROL, _TIMING, _TRUTH = (TOPICS[t] for t in ("/measurement", "/control", "/timing", "/truth"))
+_ALL, _BYTES = len(SIZES), sum(SIZES)
+_BYTES_WITHOUT_TRUTH = sum(SIZES[:-1])
 
 
 class RecorderStats(NamedTuple):
@@ -67,7 +79,7 @@ class Recorder:
         self._fd = self._process.stdin.fileno()
         with contextlib.suppress(OSError, AttributeError):
             fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
-        os.set_blocking(self._fd, not real_time)
+        os.set_blocking(self._fd, False)
         self._real_time = real_time
         self._every = BATCH_REAL_TIME if real_time else BATCH_LOCK_STEP
         self._batch: list[bytes] = []
@@ -80,9 +92,6 @@ class Recorder:
         self.lost = 0
         self._problem = ""
         self._closed = False
-        self._heads = [
-            FRAME.pack(MESSAGE, i, 0, 0, codec.layout.size)[:3] for i, codec in enumerate(TOPICS.values())
-        ]
         for name, text in (attachments or {}).items():
             self._frame(ATTACHMENT, name.encode() + b"\0" + text.encode())
         for name, values in (metadata or {}).items():
@@ -94,21 +103,14 @@ class Recorder:
         t = measurement.stamp_ns
         k = self._cycles
         self._cycles = k + 1
-        head = FRAME.pack
-        m, c, g = _MEASUREMENT.layout, _CONTROL.layout, _TIMING.layout
-        add = self._batch.append
-        add(head(MESSAGE, 0, t, k, m.size))
-        add(m.pack(HEADER, *_MEASUREMENT.flatten(measurement)))
-        add(head(MESSAGE, 1, t, k, c.size))
-        add(c.pack(HEADER, *_CONTROL.flatten(control)))
-        add(head(MESSAGE, 2, t, k, g.size))
-        add(g.pack(HEADER, *timing))
-        self._batched += 3
-        if truth is not None:
-            h = _TRUTH.layout
-            add(head(MESSAGE, 3, t, k, h.size))
-            add(h.pack(HEADER, *truth))
-            self._batched += 1
+        if truth is None:
+            head = (CYCLE, _ALL - 1, t, k, _BYTES_WITHOUT_TRUTH)
+            self._batch.append(pack_without_truth(t, k, head, measurement, control, timing))
+            self._batched += _ALL - 1
+        else:
+            head = (CYCLE, _ALL, t, k, _BYTES)
+            self._batch.append(pack_with_truth(t, k, head, measurement, control, timing, truth))
+            self._batched += _ALL
         if self._cycles % self._every == 0:
             self._hand_over()
 
@@ -168,7 +170,8 @@ class Recorder:
     def _hand_over(self) -> None:
         if self._batch:
             block = b"".join(self._batch)
-            if self._problem or self._backlog_bytes + len(block) > BACKLOG_BYTES:
+            full = self._backlog_bytes + len(block) > BACKLOG_BYTES
+            if self._problem or (full and self._real_time):
                 self.lost += self._batched
             else:
                 self._backlog.append((block, self._batched))
@@ -180,7 +183,9 @@ class Recorder:
             try:
                 written = os.write(self._fd, block)
             except BlockingIOError:
-                return
+                if self._real_time or self._backlog_bytes <= BACKLOG_BYTES:
+                    return
+                select.select((), (self._fd,), ())
             except OSError as error:
                 self._problem = f"the log writer has died ({error.strerror})"
                 self.lost += sum(n for _, n in self._backlog)
@@ -195,6 +200,3 @@ class Recorder:
                 self._backlog[0] = (block[written:], count)
                 if self._real_time:
                     return
-
-
-assert set(JSON_TOPICS) <= set(TOPIC_NAMES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections import deque
 from math import isfinite
 
@@ -23,7 +24,7 @@ from spsp_ctrl.messages import (
     Truth,
 )
 from spsp_ctrl.plant.compile import IS_COMPILED, WHY_PLAIN
-from spsp_ctrl.plant.layout import N_COMMAND, N_OUTPUT, N_TRUTH, C, G, O
+from spsp_ctrl.plant.layout import N_COMMAND, N_TRUTH, C, G, O
 from spsp_ctrl.plant.model import PlantModel
 from spsp_ctrl.plant.virtual import VirtualPlant
 from spsp_ctrl.rig.base import RigError, RigIdentity
@@ -31,7 +32,9 @@ from spsp_ctrl.rig.base import RigError, RigIdentity
 TEMPERATURE_HZ = 10
 TEMPERATURE_STEP_C = 0.0625
 """Digital temperature sensor of 12 bit."""
-_SENSED = slice(N_TRUTH, N_OUTPUT)
+_ENCODERS = slice(O.encoder_pitch, O.encoder_yaw + 1)
+_COMMAND_ROW = struct.Struct(f"{N_COMMAND}d")
+_IDLE = (0.0,) * N_COMMAND
 _new = tuple.__new__
 
 
@@ -50,8 +53,12 @@ class SimulatedRig:
         self._azimuth_every = max(1, round(config.rate_hz / config.azimuth.rate_hz))
         self._temperature_every = max(1, config.rate_hz // TEMPERATURE_HZ)
         self._dropouts = tuple((d.at_s, d.at_s + d.duration_s) for d in scenario.dropouts)
+        self._velocity_modes = (config.pitch_actuator.mode == "velocity", config.roll_actuator.mode == "velocity")
         self._active = np.zeros(N_COMMAND)
-        self._pending = np.zeros(N_COMMAND)
+        self._active_memory = self._active.data
+        self._enabled = False
+        self._pending: tuple[float, ...] = _IDLE
+        self._out: list[float] = self._plant.out.tolist()
         self._in_flight: deque[ImuSample] = deque()
         self._imu = NO_IMU
         self._azimuth = self._azimuth_sample(0)
@@ -70,8 +77,9 @@ class SimulatedRig:
         target = round(now_ns / self._period_ns)
         if self._plant.cycle < target:
             while self._plant.cycle < target:
-                self._plant.advance(self._active)
-                self._active[:] = self._pending
+                self._out = self._plant.advance(self._active).tolist()
+                _COMMAND_ROW.pack_into(self._active_memory, 0, *self._pending)
+                self._enabled = bool(self._pending[C.enable])
                 self._latch(self._plant.cycle)
             self._measurement = self._measure(now_ns)
         return self._measurement
@@ -87,22 +95,27 @@ class SimulatedRig:
                 roll_speed_rad_s=0.0,
                 azimuth_rate_rad_s=0.0,
             )
-        row = self._pending
-        row[C.enable] = command.enable
-        row[C.pitch_velocity] = self._config.pitch_actuator.mode == "velocity"
-        row[C.pitch_current] = command.pitch_current_a
-        row[C.pitch_speed] = command.pitch_speed_rad_s
-        row[C.roll_velocity] = self._config.roll_actuator.mode == "velocity"
-        row[C.roll_current] = command.roll_current_a
-        row[C.roll_speed] = command.roll_speed_rad_s
-        if self._plant.cycle % self._azimuth_every == 0 or not command.enable:
-            row[C.azimuth_rate] = command.azimuth_rate_rad_s
+        _, _, enable, pitch_current, pitch_speed, roll_current, roll_speed, azimuth_rate = command
+        if enable and self._plant.cycle % self._azimuth_every:
+            azimuth_rate = self._pending[C.azimuth_rate]
+        pitch_velocity, roll_velocity = self._velocity_modes
+        # in the order of layout.COMMAND
+        self._pending = (
+            enable,
+            pitch_velocity,
+            pitch_current,
+            pitch_speed,
+            roll_velocity,
+            roll_current,
+            roll_speed,
+            azimuth_rate,
+        )
         return command
 
     def stop(self) -> None:
         """Disable everything from the next SYNC on; later commands are ignored."""
         self._stopped = True
-        self._pending[:] = 0.0
+        self._pending = _IDLE
 
     def close(self) -> None:
         """Nothing to let go of."""
@@ -110,13 +123,13 @@ class SimulatedRig:
     def truth(self) -> Truth:
         """True state at the last SYNC."""
         m = self._measurement
-        return _new(Truth, (m.stamp_ns, m.cycle, *self._plant.out[:N_TRUTH].tolist()))
+        return _new(Truth, (m.stamp_ns, m.cycle, *self._out[:N_TRUTH]))
 
     def _latch(self, cycle: int) -> None:
-        out = self._plant.out
+        out = self._out
         now = cycle * self._period_ns
         if cycle % self._plant.imu_every == 0 and not any(a <= now * 1e-9 < b for a, b in self._dropouts):
-            roll, pitch, yaw, gx, gy, gz = out[O.imu_roll : O.gyro_z + 1].tolist()
+            roll, pitch, yaw, gx, gy, gz = out[O.imu_roll : O.gyro_z + 1]
             self._in_flight.append(
                 ImuSample(
                     now, now + self._imu_delay_ns, cycle // self._plant.imu_every, True, roll, pitch, yaw, gx, gy, gz
@@ -128,8 +141,8 @@ class SimulatedRig:
             self._azimuth = self._azimuth_sample(cycle)
         if cycle % self._temperature_every == 0:
             step = TEMPERATURE_STEP_C
-            screw_p, screw_r = out[O.screw_pitch_c : O.screw_roll_c + 1].tolist()
-            column, frame = out[O.column_c : O.frame_c + 1].tolist()
+            screw_p, screw_r = out[O.screw_pitch_c : O.screw_roll_c + 1]
+            column, frame = out[O.column_c : O.frame_c + 1]
             self._temperature = TemperatureSample(
                 now,
                 cycle // self._temperature_every,
@@ -137,11 +150,11 @@ class SimulatedRig:
             )
 
     def _azimuth_sample(self, cycle: int) -> AzimuthSample:
-        steps, rate, left, right, home = self._plant.out[O.microsteps : O.home_switch + 1].tolist()
+        steps, rate, left, right, home = self._out[O.microsteps : O.home_switch + 1]
         return AzimuthSample(
             cycle * self._period_ns,
             cycle // self._azimuth_every,
-            bool(self._active[C.enable]),
+            self._enabled,
             int(steps),
             rate,
             bool(left),
@@ -150,10 +163,8 @@ class SimulatedRig:
         )
 
     def _measure(self, now_ns: int) -> Measurement:
-        sensed = self._plant.out[_SENSED].tolist()
-        counts1, counts2, current1, current2, bus1, bus2 = sensed[:6]
-        cycle = self._plant.cycle
-        enabled = bool(self._active[C.enable])
+        counts1, counts2, current1, current2, bus1, bus2 = self._out[N_TRUTH : N_TRUTH + 6]
+        cycle, enabled = self._plant.cycle, self._enabled
         return _new(
             Measurement,
             (
@@ -166,6 +177,6 @@ class SimulatedRig:
                 _new(DriveSample, (now_ns, cycle, enabled, 0, current2, bus2)),
                 self._azimuth,
                 self._temperature,
-                _new(BaseSample, (now_ns, cycle, *sensed[-3:])),
+                _new(BaseSample, (now_ns, cycle, *self._out[_ENCODERS])),
             ),
         )

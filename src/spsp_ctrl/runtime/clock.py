@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
+_new = tuple.__new__
+
 
 class Tick(NamedTuple):
     """Begin of a cycle: its number, its SYNC on the control clock, how late it began, and how many cycles were skipped before it."""
@@ -45,7 +47,7 @@ class LockStepClock:
     def tick(self) -> Tick:
         """The next cycle, never late."""
         self._cycle += 1
-        return Tick(self._cycle, self._cycle * self._period_ns, 0, 0)
+        return _new(Tick, (self._cycle, self._cycle * self._period_ns, 0, 0))
 
 
 class MonotonicClock:
@@ -75,4 +77,4 @@ class MonotonicClock:
         skipped = (now - due) // self._period_ns
         cycle = self._next + skipped
         self._next = cycle + 1
-        return Tick(cycle, cycle * self._period_ns, now - due - skipped * self._period_ns, skipped)
+        return _new(Tick, (cycle, cycle * self._period_ns, now - due - skipped * self._period_ns, skipped))

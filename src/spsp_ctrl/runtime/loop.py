@@ -18,6 +18,7 @@ from spsp_ctrl.safety.faults import BY_ID, BY_NUMBER
 OPERATOR_HZ = 50
 STATUS_HZ = 5
 _EXCEPTION = BY_ID["exception"]
+_new = tuple.__new__
 
 
 class CycleRecorder(Protocol):
@@ -120,15 +121,14 @@ def run_loop(
     try:
         clock.start()
         while True:
-            tick = clock.tick()
+            cycle, now_ns, lateness_ns, skipped = clock.tick()
             begin = now()
-            now_ns = tick.now_ns
             dt = (now_ns - last_ns) * 1e-9
             measurement = rig.read(now_ns)
             after_read = now()
 
             requests: tuple[OperatorRequest, ...] = ()
-            if operator is not None and tick.cycle % operator_every == 0:
+            if operator is not None and cycle % operator_every == 0:
                 requests = operator.poll(now_ns)
             if not ending:
                 if interrupts.count:
@@ -147,10 +147,10 @@ def run_loop(
                 control = control._replace(command=sent)
             after_write = now()
 
-            if tick.skipped:
-                result.skipped += tick.skipped
+            if skipped:
+                result.skipped += skipped
                 result.skipped_stamps_ns.append(now_ns)
-                event("warning", "skip", f"{tick.skipped} cycle(s) skipped", now_ns)
+                event("warning", "skip", f"{skipped} cycle(s) skipped", now_ns)
             if control.law_step != law_step:
                 law_step = control.law_step
                 why = Reason(control.law_reason).name.lower()
@@ -158,16 +158,19 @@ def run_loop(
             if control.mode != mode:
                 _report_mode(event, mode, control)
                 mode = control.mode
-            timing = Timing(
-                now_ns,
-                tick.cycle,
-                tick.lateness_ns,
-                tick.skipped,
-                after_read - begin,
-                after_control - after_read,
-                after_write - after_control,
-                record_ns,
-                after_write - begin,
+            timing: Timing = _new(
+                Timing,
+                (
+                    now_ns,
+                    cycle,
+                    lateness_ns,
+                    skipped,
+                    after_read - begin,
+                    after_control - after_read,
+                    after_write - after_control,
+                    record_ns,
+                    after_write - begin,
+                ),
             )
             truth = rig.truth()
             before_record = now()
@@ -175,7 +178,7 @@ def run_loop(
             record_ns = now() - before_record
             last_ns = now_ns
             result.cycles += 1
-            if status is not None and tick.cycle % status_every == 0:
+            if status is not None and cycle % status_every == 0:
                 status(measurement, control, timing, truth)
             if interrupts.count > 1:
                 ending = "interrupted"

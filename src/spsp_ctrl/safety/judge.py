@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import isfinite
-from typing import NamedTuple
 
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.messages import Command, Estimate, Measurement
@@ -18,7 +18,8 @@ _NOT_FINITE = BY_ID["not-finite"]
 _TRAVEL_SWITCH = BY_ID["travel-switch"]
 
 
-class JudgeLimits(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class JudgeLimits:
     """Ages in ns."""
 
     imu_ns: int
@@ -34,27 +35,33 @@ def judge_limits(config: RigConfig) -> JudgeLimits:
 
 def judge(m: Measurement, limits: JudgeLimits, now_ns: int) -> Fault | None:
     """The gravest thing that is wrong with a measurement, or None."""
-    r1, r2, d1, d2, imu, az = m.resolver_pitch, m.resolver_roll, m.drive_pitch, m.drive_roll, m.imu, m.azimuth
-    if r1.status or r2.status:
+    # unpacked as a whole: a named field costs as much as a whole unpacking
+    _, _, imu, resolver1, resolver2, drive1, drive2, azimuth, temperature, _ = m
+    r1_stamp, r1_seq, _, r1_status = resolver1
+    r2_stamp, r2_seq, _, r2_status = resolver2
+    if r1_status or r2_status:
         return _RESOLVER_FAULT
     oldest = now_ns - limits.signal_ns
-    if r1.stamp_ns < oldest or r2.stamp_ns < oldest or r1.seq < 0 or r2.seq < 0:
+    if r1_stamp < oldest or r2_stamp < oldest or r1_seq < 0 or r2_seq < 0:
         return _RESOLVER_STALE
-    if d1.stamp_ns < oldest or d2.stamp_ns < oldest or d1.seq < 0 or d2.seq < 0:
+    d1_stamp, d1_seq, _, d1_fault, d1_current, _ = drive1
+    d2_stamp, d2_seq, _, d2_fault, d2_current, _ = drive2
+    if d1_stamp < oldest or d2_stamp < oldest or d1_seq < 0 or d2_seq < 0:
         return _DRIVE_STALE
-    if d1.fault_code or d2.fault_code:
+    if d1_fault or d2_fault:
         return _DRIVE_FAULT
+    imu_stamp, _, imu_seq, imu_valid, roll, pitch, yaw, gyro_x, gyro_y, gyro_z = imu
+    _, _, _, _, azimuth_rate, left_switch, right_switch, _ = azimuth
+    _, _, screw_pitch, screw_roll, _, _ = temperature
     # a sum is finite only if every term is (and cheaper than asking each)
     total = (
-        imu.roll_rad + imu.pitch_rad + imu.yaw_rad + imu.gyro_x_rad_s + imu.gyro_y_rad_s + imu.gyro_z_rad_s
-        + d1.current_a + d2.current_a + az.rate_microsteps_s
-        + m.temperature.screw_pitch_c + m.temperature.screw_roll_c
-    )  # fmt: skip
+        roll + pitch + yaw + gyro_x + gyro_y + gyro_z + d1_current + d2_current + azimuth_rate + screw_pitch + screw_roll
+    )
     if not isfinite(total):
         return _NOT_FINITE
-    if imu.seq < 0 or not imu.valid or now_ns - imu.stamp_ns > limits.imu_ns:
+    if imu_seq < 0 or not imu_valid or now_ns - imu_stamp > limits.imu_ns:
         return _IMU_STALE
-    if az.left_switch or az.right_switch:
+    if left_switch or right_switch:
         return _TRAVEL_SWITCH
     return None
 

@@ -6,6 +6,7 @@ referenced when it starts.)
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import radians
 from typing import NamedTuple
 
@@ -23,7 +24,8 @@ ALIGNED_FOR_S = 0.3
 STANDSTILL_M_S = 1e-4
 
 
-class SupervisorParams(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class SupervisorParams:
     """From the rig file."""
 
     auto_arm: bool
