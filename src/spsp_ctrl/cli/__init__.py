@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from spsp_ctrl import __version__
-from spsp_ctrl.cli import log, run
+from spsp_ctrl.cli import experiment, log, run
 from spsp_ctrl.cli.common import EXIT_CODES, EXIT_INTERNAL
 
 
@@ -24,7 +24,7 @@ def cli() -> None:
     """
 
 
-for command in (run.run, run.replay, log.log):
+for command in (run.run, run.replay, experiment.experiment, log.log):
     cli.add_command(command)
 
 

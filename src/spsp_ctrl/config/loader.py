@@ -171,10 +171,11 @@ def load_yaml_model(path: Path, model: type[M], schema: str) -> Loaded[M]:
         else:
             text = f"unknown schema {given!r}; expected {schema!r}"
         raise ConfigError([ConfigProblem(path, line, column, text)])
-    return _validate(path, data, marks, model)
+    return validate_data(path, data, marks, model)
 
 
-def _validate(path: Path, data: dict[str, Any], marks: dict[Location, tuple[int, int]], model: type[M]) -> Loaded[M]:
+def validate_data(path: Path, data: dict[str, Any], marks: dict[Location, tuple[int, int]], model: type[M]) -> Loaded[M]:
+    """Check plain data whose keys stand at ``marks`` in ``path``. Raises ``ConfigError`` with every problem found."""
     loaded: Loaded[Any] = Loaded(None, path, data, marks)
     try:
         checked = model.model_validate(data)
@@ -287,7 +288,7 @@ def apply_overrides(loaded: Loaded[M], overrides: Sequence[str]) -> Loaded[M]:
             raise ConfigError([ConfigProblem(None, 0, 0, f"--set {text}: {name} is not a key of this file")])
         target[parts[-1]] = value
     try:
-        checked = _validate(loaded.path, data, loaded.marks, type(loaded.model))
+        checked = validate_data(loaded.path, data, loaded.marks, type(loaded.model))
     except ConfigError as error:
         which = " ".join(f"--set {text}" for text in overrides)
         raise ConfigError([ConfigProblem(None, 0, 0, f"{which}: {p.message}") for p in error.problems]) from None
