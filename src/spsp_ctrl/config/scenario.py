@@ -146,6 +146,8 @@ class Temperature(Strict):
     ambient_c: float = Field(default=20.0, ge=-40.0, le=85.0)
     start_c: float | None = Field(default=None, ge=-40.0, le=85.0)
     """Temperature of column and frame (and of the screws without ``screw_c``) at the start; ambient when absent."""
+    step_at_s: float = Field(default=0.0, ge=0.0, le=86_400.0)
+    """Until then the surroundings are at ``start_c``."""
     sensor_error_c: float = Field(default=0.0, ge=-20.0, le=20.0)
     """Constant error of the temperature sensors."""
     screw_c: float | None = Field(default=None, ge=-40.0, le=120.0)
@@ -254,7 +256,7 @@ class ModelChange(Strict):
 class Variant(Strict):
     """A named change of an experiment. Mappings are laid over mappings, everything else replaces what stood there."""
 
-    name: str = Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._+-]*$")
+    name: str = Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9][A-Za-z0-9 .,()_+-]*$")
     rig: dict[str, Any] = Field(default_factory=dict)
     """Laid over the rig file."""
     model: dict[str, ModelChange] = Field(default_factory=dict)

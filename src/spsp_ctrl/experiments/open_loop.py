@@ -2,6 +2,9 @@
 
 The IMU shows the platform of an earlier instant (its output filter; the device stamp already excludes the transport delay), so the resolvers are
 read back at the frame's stamp less that lag: without it 8 deg / 8 s would show 90 arcsec of error that is none.
+
+Three kinds of error, never mixed: ``imu`` as measured (mean of a short time, since a single frame carries 0.1 arcmin of resolution and noise),
+``unbiased`` without the constant bias of the IMU (the paper calibrates its IMU against a 20-bit resolver), ``true`` the true angle less the resolver.
 """
 
 from __future__ import annotations
@@ -29,14 +32,17 @@ from spsp_ctrl.experiments.signals import (
     thin,
 )
 
-STEP_WINDOW_S = 0.25
-"""A crossing of the play is over within this time."""
-REVERSAL_S = 1.2
-"""A crossing belongs to a reversal of the motion when it comes within this time of it."""
+MEAN_S = 0.1
+"""Frames of a moving platform are averaged over this time."""
+REVERSAL_S = 1.5
+"""A crossing belongs to a reversal of the motion when it comes within this time of it: gravity can turn the rod force before the rod turns."""
+BESIDE_S = (0.4, 1.2)
+"""The size of a crossing is the step between the means over this span before and after it."""
+KINDS = ("imu", "unbiased", "true")
 
 
 class Comparison(NamedTuple):
-    """IMU less resolver on one axis, at the IMU's frames."""
+    """IMU (or truth) less resolver on one axis, at the IMU's frames."""
 
     t_s: Array
     place_rad: Array
@@ -53,18 +59,35 @@ def moved_axis(scenario: Scenario) -> str:
     return "pitch" if plan.pitch and not plan.roll else "roll"
 
 
-def compare(topics: Topics, config: RigConfig, scenario: Scenario) -> Comparison:
-    """The comparison over the part of the run that counts."""
+def compare(topics: Topics, config: RigConfig, scenario: Scenario, bias: tuple[float, float] = (0.0, 0.0)) -> dict[str, Comparison]:
+    """The comparison by kind over the part of the run that counts; ``bias`` of the IMU in pitch and roll, rad. No ``true`` without truth."""
     m, axis = topics["/measurement"], moved_axis(scenario)
     frames = imu_frames(topics).among(judged(topics["/control"], scenario.settle_s, scenario.duration_s))
     t = frames.stamp_s - config.imu.attitude_lag_ms * 1e-3
     cycle_s = m["stamp_ns"] * 1e-9
-    rod_pitch, rod_roll = (np.interp(t, cycle_s, rod) for rod in resolver_rods(topics, config))
-    pitch, roll = attitude_from_rods(rod_pitch, rod_roll, config)
-    seen_pitch, seen_roll = rods_from_attitude(frames.pitch_rad, frames.roll_rad, config)
-    if axis == "pitch":
-        return Comparison(t, pitch, frames.pitch_rad - pitch, seen_pitch - rod_pitch)
-    return Comparison(t, roll, frames.roll_rad - roll, seen_roll - rod_roll)
+    first, second = resolver_rods(topics, config)
+    rods = (np.interp(t, cycle_s, first), np.interp(t, cycle_s, second))
+    seen = {
+        "imu": (frames.pitch_rad, frames.roll_rad),
+        "unbiased": (frames.pitch_rad - bias[0], frames.roll_rad - bias[1]),
+    }
+    if "/truth" in topics:
+        true, true_s = topics["/truth"], topics["/truth"]["stamp_ns"] * 1e-9
+        seen["true"] = (np.interp(t, true_s, true["joint_pitch_rad"]), np.interp(t, true_s, true["joint_roll_rad"]))
+    k = 0 if axis == "pitch" else 1
+    place = attitude_from_rods(rods[0], rods[1], config)[k]
+    return {
+        kind: Comparison(t, place, angles[k] - place, rods_from_attitude(angles[0], angles[1], config)[k] - rods[k]) for kind, angles in seen.items()
+    }
+
+
+def _averaged(c: Comparison) -> Comparison:
+    """Means over ``MEAN_S``, one for each frame."""
+    if len(c.t_s) < 2:
+        return c
+    width = max(1, round(MEAN_S / float(np.median(np.diff(c.t_s)))))
+    window = np.full(width, 1.0 / width)
+    return Comparison(*(np.convolve(column, window, mode="valid") for column in c))
 
 
 class Stations(NamedTuple):
@@ -102,21 +125,26 @@ def _passes(s: Stations) -> tuple[Array, Array]:
 
 
 def crossings(c: Comparison) -> tuple[Array, Array]:
-    """Times and sizes (m, signed) of sudden shifts of the rod error: the nut crossing its play."""
+    """Times and sizes (m, signed) at which the rod error changes from one level to the other: the nut crossing its play.
+
+    The levels are those of the whole run; a change counts when the error goes from beyond a quarter of their distance on one side of the middle to
+    beyond a quarter on the other.
+    """
     if len(c.t_s) < 8:
         return np.empty(0), np.empty(0)
-    dt = float(np.median(np.diff(c.t_s)))
-    half = max(2, round(0.5 * STEP_WINDOW_S / dt))
-    kernel = np.concatenate((np.full(half, 1.0 / half), np.full(half, -1.0 / half)))
-    shift = np.convolve(c.rod_m, kernel, mode="valid")  # mean after less mean before
-    t = c.t_s[half - 1 : half - 1 + len(shift)]
-    big = np.abs(shift) > 0.5 * np.abs(shift).max()
-    edges = np.flatnonzero(np.diff(big.astype(np.int8), prepend=0, append=0))
+    low, high = np.quantile(c.rod_m, (0.1, 0.9))
+    middle, quarter = 0.5 * (low + high), 0.25 * (high - low)
+    side = np.where(c.rod_m > middle + quarter, 1, np.where(c.rod_m < middle - quarter, -1, 0))
+    sure = np.flatnonzero(side)
+    changes = np.flatnonzero(np.diff(side[sure]) != 0)
     times, sizes = [], []
-    for a, b in zip(edges[::2], edges[1::2], strict=True):
-        top = a + int(np.argmax(np.abs(shift[a:b])))
-        times.append(t[top])
-        sizes.append(shift[top])
+    for k in changes:
+        t = 0.5 * (c.t_s[sure[k]] + c.t_s[sure[k + 1]])
+        before = (c.t_s > t - BESIDE_S[1]) & (c.t_s < t - BESIDE_S[0])
+        after = (c.t_s > t + BESIDE_S[0]) & (c.t_s < t + BESIDE_S[1])
+        if before.any() and after.any():
+            times.append(t)
+            sizes.append(float(c.rod_m[after].mean() - c.rod_m[before].mean()))
     return np.array(times), np.array(sizes)
 
 
@@ -124,45 +152,51 @@ def _reversals(topics: Topics, scenario: Scenario, low_s: float, high_s: float) 
     c, axis = topics["/control"], moved_axis(scenario)
     t, rate = c["stamp_ns"] * 1e-9, c[f"reference.{axis}_rate_rad_s"]
     turns = t[1:][np.signbit(rate[1:]) != np.signbit(rate[:-1])]
-    return np.asarray(turns[(turns > low_s) & (turns < high_s - REVERSAL_S)])
+    return np.asarray(turns[(turns > low_s) & (turns < high_s)])
 
 
-def figures(topics: Topics, config: RigConfig, scenario: Scenario) -> Figures:
-    """Largest and smallest errors; for a staircase at its stations, with the two passes compared; for a sine with its reversals."""
-    c = compare(topics, config, scenario)
-    if not len(c.t_s):
+def figures(topics: Topics, config: RigConfig, scenario: Scenario, bias: tuple[float, float] = (0.0, 0.0)) -> Figures:
+    """Largest and smallest errors by kind; for a staircase at its stations, with the two passes compared; for a sine with its reversals."""
+    found = compare(topics, config, scenario, bias)
+    if not len(found["imu"].t_s):
         return {}
     result: Figures = {}
     stairs = scenario.reference.staircase
+    for kind, c in found.items():
+        if stairs is not None:
+            s = stations(c, stairs, scenario.reference.start_s)
+            angle, rod = s.angle_arcsec, s.rod_um
+        else:
+            mean = _averaged(c)
+            angle, rod = mean.angle_rad * ARCSEC_PER_RAD, mean.rod_m * UM_PER_M
+        if len(angle):
+            result[kind] = {
+                "angle_arcsec_max": float(np.abs(angle).max()),
+                "angle_arcsec_top": float(angle.max()),
+                "angle_arcsec_bottom": float(angle.min()),
+                "angle_arcsec_shift": float(0.5 * abs(angle.max() + angle.min())),
+                "angle_arcsec_half_range": float(0.5 * np.ptp(angle)),
+                "rod_um_max": float(np.abs(rod).max()),
+            }
     if stairs is not None:
-        s = stations(c, stairs, scenario.reference.start_s)
-        angle, rod = s.angle_arcsec, s.rod_um
+        s = stations(found["imu"], stairs, scenario.reference.start_s)
         between_angle, between_rod = _passes(s)
-        result["stations"] = len(angle)
+        result["stations"] = len(s.value_deg)
         if len(between_angle):
             result["passes_arcsec_mean"] = float(np.abs(between_angle).mean())
             result["passes_arcsec_max"] = float(np.abs(between_angle).max())
             result["passes_um_mean"] = float(np.abs(between_rod).mean())
-            # what is left when the play, common to all stations, is taken out
-            result["passes_um_scatter"] = float(np.std(between_rod))
-        result |= _impact(topics, scenario, stairs)
-    else:
-        angle, rod = c.angle_rad * ARCSEC_PER_RAD, c.rod_m * UM_PER_M
-        turns = _reversals(topics, scenario, float(c.t_s[0]), float(c.t_s[-1]))
-        times, sizes = crossings(c)
-        near = [int(((times > t - REVERSAL_S) & (times < t + REVERSAL_S)).sum()) for t in turns]
-        far = [not bool((np.abs(turns - t) < REVERSAL_S).any()) for t in times if turns[0] < t < turns[-1]] if len(turns) else []
-        result["reversals"] = len(turns)
-        result["peaks_per_reversal_min"] = min(near, default=None)
-        result["peaks_per_reversal_max"] = max(near, default=None)
-        result["peaks_elsewhere"] = int(sum(far))
-        result["peak_um"] = float(np.median(np.abs(sizes))) if len(sizes) else None
-    result["angle_arcsec_max"] = float(np.abs(angle).max())
-    result["angle_arcsec_top"] = float(angle.max())
-    result["angle_arcsec_bottom"] = float(angle.min())
-    result["angle_arcsec_shift"] = float(0.5 * (angle.max() + angle.min()))
-    result["angle_arcsec_half_range"] = float(0.5 * np.ptp(angle))
-    result["rod_um_max"] = float(np.abs(rod).max())
+        return result | _impact(topics, scenario, stairs)
+    c = _averaged(found["imu"])
+    turns = _reversals(topics, scenario, float(c.t_s[0]) + REVERSAL_S, float(c.t_s[-1]) - REVERSAL_S)
+    times, sizes = crossings(c)
+    near = [int(((times > t - REVERSAL_S) & (times < t + REVERSAL_S)).sum()) for t in turns]
+    result["reversals"] = len(turns)
+    result["peaks_per_reversal_min"] = min(near, default=None)
+    result["peaks_per_reversal_max"] = max(near, default=None)
+    inside = times[(times > turns[0]) & (times < turns[-1])] if len(turns) else times[:0]
+    result["peaks_elsewhere"] = sum(not bool((np.abs(turns - t) < REVERSAL_S).any()) for t in inside)
+    result["peak_um"] = float(np.median(np.abs(sizes)) * UM_PER_M) if len(sizes) else None
     return result
 
 
@@ -186,17 +220,19 @@ def _impact(topics: Topics, scenario: Scenario, stairs: Staircase) -> Figures:
 
 
 def curves(topics: Topics, config: RigConfig, scenario: Scenario) -> Curves:
-    """Error over the station (rising and falling) or over time."""
-    c = compare(topics, config, scenario)
+    """Error as measured over the station (rising and falling) or over time; over time the true error as well."""
+    found = compare(topics, config, scenario)
     stairs = scenario.reference.staircase
-    if stairs is None:
-        return {
-            "open_loop.angle": thin(c.t_s, c.angle_rad * ARCSEC_PER_RAD),
-            "open_loop.rod": thin(c.t_s, c.rod_m * UM_PER_M),
-            "open_loop.place": thin(c.t_s, c.place_rad * DEG_PER_RAD),
-        }
-    s = stations(c, stairs, scenario.reference.start_s)
     result: Curves = {}
+    if stairs is None:
+        for kind in ("imu", "true"):
+            if kind in found:
+                c = _averaged(found[kind])
+                result[f"open_loop.angle.{kind}"] = thin(c.t_s, c.angle_rad * ARCSEC_PER_RAD)
+                result[f"open_loop.rod.{kind}"] = thin(c.t_s, c.rod_m * UM_PER_M)
+        result["open_loop.place"] = thin(found["imu"].t_s, found["imu"].place_rad * DEG_PER_RAD)
+        return result
+    s = stations(found["imu"], stairs, scenario.reference.start_s)
     for name, pick in (("rising", s.rising), ("falling", ~s.rising)):
         result[f"stations.angle.{name}"] = (s.value_deg[pick], s.angle_arcsec[pick])
         result[f"stations.rod.{name}"] = (s.value_deg[pick], s.rod_um[pick])

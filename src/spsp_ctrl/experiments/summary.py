@@ -149,7 +149,7 @@ def measures(topics: Topics, config: RigConfig, scenario: Scenario, bias: ImuBia
     result = errors(topics, scenario.settle_s, scenario.duration_s, bias)
     asked = scenario.figures
     if "stations" in asked or "open_loop" in asked:
-        result["open_loop"] = open_loop.figures(topics, config, scenario)
+        result["open_loop"] = open_loop.figures(topics, config, scenario, bias)
     if "heading" in asked:
         result["pointing"] = pointing.figures(topics, config, scenario)
     if "thermal" in asked:

@@ -84,14 +84,16 @@ def figures(topics: Topics, config: RigConfig, scenario: Scenario) -> Figures:
     warm = float(rise[x >= x[-1] - STEADY * (x[-1] - x[0])].mean())
     result["screw_rise_k"] = warm
     if warm > 1.0:
-        # least squares over the whole warm-up: elongation per kelvin of the screw sensor, as a coefficient over the nominal length
+        # elongation per kelvin of the screw sensor, as a coefficient over the nominal length: least squares over the warm-up, and at its end
         length = config.compensation.thermal.screw_length_mm * 1e-3
-        slopes = []
+        slopes, steady_slopes = [], []
         for axis in ("pitch", "roll"):
             at, grown = drifts[f"rod.{axis}"]
             kelvin = np.interp(at, x, rise)
             slopes.append(float(kelvin @ grown / (kelvin @ kelvin)))
+            steady_slopes.append(float(grown[at >= at[-1] - STEADY * (at[-1] - at[0])].mean()) / warm)
         result["identified_ppm_k"] = float(np.mean(slopes)) / length * 1e6
+        result["identified_steady_ppm_k"] = float(np.mean(steady_slopes)) / length * 1e6
     return result
 
 

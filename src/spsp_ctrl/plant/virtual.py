@@ -100,6 +100,9 @@ class VirtualPlant:
         scenario = self.scenario
         rows[:, U.load_mass] = scenario.load.mass_kg
         rows[:, U.ambient] = scenario.temperature.ambient_c
+        if scenario.temperature.start_c is not None:
+            before_step = np.arange(first, first + BLOCK + 1) < scenario.temperature.step_at_s * self.rate_hz
+            rows[before_step, U.ambient] = scenario.temperature.start_c
         warm = scenario.temperature.screw_c
         if warm is not None:
             rows[:, U.heater_c] = warm

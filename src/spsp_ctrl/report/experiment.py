@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from spsp_ctrl.experiments.runner import Outcome
 from spsp_ctrl.experiments.summary import look_up
@@ -14,8 +15,11 @@ from spsp_ctrl.report.page import details, page, section, table
 from spsp_ctrl.report.text import DASH, number
 
 FOOTER = "Errors by the IMU are what the closed loop itself sees, as in the paper; true errors are known on a virtual rig only. "
-ERROR_KINDS = (("imu", "by the IMU"), ("unbiased", "true, without IMU bias"), ("true", "true in full"))
-FIGURE_HEADS = {"stations", "open_loop", "push_rod", "heading", "thermal"}
+RUNS_NOTE = (
+    "Largest / rms in arcmin after the start-up. IMU: by the IMU that closes the loop. "
+    "No bias: true, without the IMU's constant bias. True: in full."
+)
+ERROR_KINDS = (("imu", "IMU"), ("unbiased", "no bias"), ("true", "true"))
 
 
 def laws_of(outcomes: Sequence[Outcome]) -> list[str]:
@@ -66,17 +70,25 @@ def _runs(results: Sequence[CaseResult]) -> str:
         head = ["Run", "Seed", "Ended"]
         cells: list[list[str]] = []
         for axis in ("pitch", "roll"):
-            head += [f"{axis}, {text}" for _, text in ERROR_KINDS]
+            head += [f"{axis}: {text}" for _, text in ERROR_KINDS]
         for r in results:
-            row = [escape(r.key), str(r.seed), escape(r.ended)]
+            row = [f'<span class="tag">{escape(r.key)}</span>', str(r.seed), escape(r.ended)]
             for axis in ("pitch", "roll"):
                 for kind, _ in ERROR_KINDS:
                     top = look_up(r.figures, f"error_arcmin.{axis}.{kind}_max")
                     rms = look_up(r.figures, f"error_arcmin.{axis}.{kind}_rms")
                     row.append(DASH if top is None else f"{shown(top)} / {shown(rms)}")
             cells.append(row)
-        return table(head, cells, numeric=tuple(range(3, 9))) + '<p class="note">Largest / rms, arcmin, after the start-up.</p>'
+        return table(head, cells, numeric=tuple(range(3, 9))) + f'<p class="note">{RUNS_NOTE}</p>'
     return table(["Run", "Seed", "Ended"], [[escape(r.key), str(r.seed), escape(r.ended)] for r in results])
+
+
+def _flat(node: Mapping[str, Any], head: str = "") -> list[str]:
+    """Dotted names of the leaves."""
+    out: list[str] = []
+    for name, value in node.items():
+        out += _flat(value, f"{head}{name}.") if isinstance(value, Mapping) else [head + name]
+    return out
 
 
 def _special(results: Sequence[CaseResult]) -> str:
@@ -84,7 +96,7 @@ def _special(results: Sequence[CaseResult]) -> str:
     out = ""
     for kind in ("push_rod", "open_loop", "pointing", "thermal"):
         rows = [r for r in results if isinstance(r.figures.get(kind), dict)]
-        names = list(dict.fromkeys(name for r in rows for name in r.figures[kind]))
+        names = list(dict.fromkeys(name for r in rows for name in _flat(r.figures[kind])))
         if not rows:
             continue
         cells = [[escape(n), *(shown(look_up(r.figures, f"{kind}.{n}")) for r in rows)] for n in names]
