@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -55,7 +55,7 @@ def experiment(
 
     rig = runner.load_rig_with(config, overrides)
     paths = list(catalogue.shipped(config).values()) if name == "all" else [catalogue.find(name, config)]
-    experiments = [runner.load(path, rig, seed, repeats) for path in paths]
+    experiments = sorted((runner.load(path, rig, seed, repeats) for path in paths), key=lambda e: e.scenario.position)
     folder = runner.open_folder(out)
     folders = [folder / e.name for e in experiments] if name == "all" else [folder]
     for path in folders:
@@ -84,12 +84,13 @@ def _list(config: Path, as_json: bool) -> None:
     from spsp_ctrl.experiments import catalogue
 
     load_rig(config)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name, path in catalogue.shipped(config).items():
         plan = load_scenario(path).model
         laws = max(1, len(plan.laws))
         runs = sum((len(v.laws) or laws) for v in plan.variants) if plan.variants else laws
-        rows.append({"name": name, "title": plan.title, "runs": runs * plan.repeats.count, "file": str(path)})
+        rows.append({"name": name, "position": plan.position, "title": plan.title, "runs": runs * plan.repeats.count, "file": str(path)})
+    rows.sort(key=lambda row: (row["position"], row["name"]))
     if as_json:
         click.echo(json.dumps(rows, indent=2))
         return

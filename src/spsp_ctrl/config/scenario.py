@@ -304,6 +304,8 @@ class Scenario(Strict):
     schema_: Literal["spsp-ctrl/scenario/1"] = Field(alias="schema")
     name: str = Field(min_length=1, max_length=60)
     title: str = ""
+    position: int = Field(default=100, ge=1, le=1000)
+    """Place among the experiments of a list."""
     paper: str = ""
     """What the paper did."""
     note: str = ""

@@ -16,7 +16,7 @@ from spsp_ctrl.plant.model import PlantModel
 
 PHASE_STEP_DEG = {"pitch": 222.5, "roll": 137.5}
 """Golden angle for roll and its complement for pitch: repeats fill the circle evenly and never meet again."""
-_EXPERIMENT_KEYS = ("laws", "rig", "model", "repeats", "variants", "acceptance", "paper", "note")
+_EXPERIMENT_KEYS = ("laws", "rig", "model", "repeats", "variants", "acceptance", "position", "paper", "note")
 
 
 @dataclass(frozen=True, slots=True)
