@@ -233,7 +233,9 @@ def curves(topics: Topics, config: RigConfig, scenario: Scenario) -> Curves:
         result["open_loop.place"] = thin(found["imu"].t_s, found["imu"].place_rad * DEG_PER_RAD)
         return result
     s = stations(found["imu"], stairs, scenario.reference.start_s)
-    for name, pick in (("rising", s.rising), ("falling", ~s.rising)):
+    rising = s.rising.copy()
+    rising[:1] = rising[1:2]  # the first station is the start of the first pass
+    for name, pick in (("rising", rising), ("falling", ~rising)):
         result[f"stations.angle.{name}"] = (s.value_deg[pick], s.angle_arcsec[pick])
         result[f"stations.rod.{name}"] = (s.value_deg[pick], s.rod_um[pick])
     return result
