@@ -58,7 +58,7 @@ def test_json_is_the_summary_and_nothing_else(scenario: Path, tmp_path: Path) ->
     assert summary["seed"] == 7
     assert {"duration_s", "rate_hz", "seed", "error_arcmin", "azimuth_error_deg"} <= summary.keys()
     assert {"acceptance", "timing_us", "log", "realtime_granted"} <= summary.keys()
-    assert set(summary["error_arcmin"]["pitch"]) == {"true_max", "true_rms", "imu_max", "imu_rms"}
+    assert set(summary["error_arcmin"]["pitch"]) >= {"true_max", "true_rms", "imu_max", "imu_rms"}
     assert set(summary["timing_us"]["lateness"]) == {"p50", "p99", "p99_9", "max"}
     assert [row["pass"] for row in summary["acceptance"]] == [True, False]
     assert summary["log"]["lost"] == 0

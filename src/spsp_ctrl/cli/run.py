@@ -93,7 +93,7 @@ def _plan(
     path: Path, overrides: tuple[str, ...], scenario: Path | None, duration: float | None, seed: int | None, real_time: bool
 ) -> Plan:
     """Every file read and judged, before anything moves or is written."""
-    from spsp_ctrl.config.loader import apply_overrides, load_rig, load_scenario, resolve_reference
+    from spsp_ctrl.config.loader import ConfigError, ConfigProblem, apply_overrides, load_rig, load_scenario, resolve_reference
     from spsp_ctrl.experiments.checking import check_rig, check_scenario
     from spsp_ctrl.experiments.session import Plan
 
@@ -105,8 +105,11 @@ def _plan(
     model_path = resolve_reference(loaded, ("rig", "model"))
     check_rig(loaded)
     played = load_scenario(scenario_path)
-    check_scenario(played)
     plan: Scenario = played.model
+    if plan.bench or plan.rig or plan.model:
+        text = f"this scenario changes the rig or plays on a bench; play it with `spsp-ctrl experiment {scenario_path}`"
+        raise ConfigError([ConfigProblem(scenario_path, 0, 0, text)])
+    check_scenario(played)
     if duration is not None:
         plan = plan.model_copy(update={"duration_s": duration})
     return Plan(rig, plan, model_path, rig.rig.seed if seed is None else seed, real_time)

@@ -198,10 +198,11 @@ def _load(
         else:
             text = f"unknown schema {given!r}; expected {schema!r}"
         raise ConfigError([ConfigProblem(path, line, column, text)])
-    return _validate(path, data, marks, model)
+    return validate_data(path, data, marks, model)
 
 
-def _validate(path: Path, data: dict[str, Any], marks: dict[Location, tuple[int, int]], model: type[M]) -> Loaded[M]:
+def validate_data(path: Path, data: dict[str, Any], marks: dict[Location, tuple[int, int]], model: type[M]) -> Loaded[M]:
+    """Check plain data whose keys stand at ``marks`` in ``path``. Raises ``ConfigError`` with every problem found."""
     loaded: Loaded[Any] = Loaded(None, path, data, marks)
     try:
         # through JSON, where strict still takes a list for a tuple; else `true` would pass for 1.0 and "6.0" for 6.0
@@ -355,7 +356,7 @@ def apply_overrides(loaded: Loaded[M], overrides: Sequence[str]) -> Loaded[M]:
         target[parts[-1]] = value
         marks[tuple(parts)] = (0, 0)  # no line of the file: it stands on the command line
     try:
-        checked = _validate(loaded.path, data, marks, type(loaded.model))
+        checked = validate_data(loaded.path, data, marks, type(loaded.model))
     except ConfigError as error:
         which = " ".join(f"--set {text}" for text in overrides)
         raise ConfigError([ConfigProblem(None, 0, 0, f"{which}: {p.message}") for p in error.problems]) from None

@@ -9,7 +9,7 @@ from math import cos, isfinite, pi, radians, sin
 
 from spsp_ctrl.config.scenario import ReferencePlan, Sine
 from spsp_ctrl.mechanism.frames import wrap_angle
-from spsp_ctrl.mechanism.profile import TargetProfile, smooth_ramp
+from spsp_ctrl.mechanism.profile import TargetProfile, smooth_ramp, staircase
 from spsp_ctrl.messages import Reference, ReferenceKind
 
 HEADING_SMOOTHING_S = 0.2
@@ -25,7 +25,8 @@ class ReferenceSource:
     """The reference of a session as a function of time.
 
     Pitch and roll are a constant offset plus sines under the smooth envelope of ``plan.start_s`` and ``plan.ramp_s``,
-    with their exact rates. Heading goes from target to target with limited rate, acceleration and jerk
+    with their exact rates, or one of them a staircase from ``plan.start_s`` on.
+    Heading goes from target to target with limited rate, acceleration and jerk
     (:class:`~spsp_ctrl.mechanism.profile.TargetProfile`), and is given in (-pi, pi] with its exact rate. It stands on a
     target planned at ``at_s = 0`` from the start; before any later first target it is 0. A target that comes while the
     last move still runs replaces it.
@@ -36,7 +37,7 @@ class ReferenceSource:
     Raises ``ValueError`` for a limit that is not positive.
     """
 
-    __slots__ = ("_heading", "_kind", "_pitch", "_pitch_rad", "_ramp_s", "_roll", "_roll_rad", "_start_s")
+    __slots__ = ("_heading", "_kind", "_pitch", "_pitch_rad", "_ramp_s", "_roll", "_roll_rad", "_stairs", "_start_s")
 
     def __init__(
         self,
@@ -49,6 +50,10 @@ class ReferenceSource:
         self._pitch_rad, self._roll_rad = radians(plan.pitch_deg), radians(plan.roll_deg)
         self._pitch, self._roll = _waves(plan.pitch), _waves(plan.roll)
         self._start_s, self._ramp_s = plan.start_s, plan.ramp_s
+        stairs = plan.staircase
+        self._stairs = (
+            (stairs.axis == "roll", tuple(map(radians, stairs.values_deg)), stairs.dwell_s, stairs.move_s) if stairs else None
+        )
         heading = TargetProfile.at_rest(0.0, heading_rate_limit_rad_s, heading_accel_limit_rad_s2, heading_smoothing_s)
         for target in sorted(plan.heading, key=lambda h: h.at_s):
             angle = wrap_angle(radians(target.heading_deg))
@@ -80,6 +85,12 @@ class ReferenceSource:
                 wave = amplitude * sin(angle)
                 roll += grown * wave
                 roll_rate += growth * wave + grown * amplitude * omega * cos(angle)
+        if self._stairs is not None:
+            is_roll, values, dwell_s, move_s = self._stairs
+            if is_roll:
+                roll, roll_rate = staircase(after_s, values, dwell_s, move_s)
+            else:
+                pitch, pitch_rate = staircase(after_s, values, dwell_s, move_s)
         heading, heading_rate = self._heading.at(t_s)
         reference: Reference = _new(
             Reference, (self._kind, pitch, roll, wrap_angle(heading), pitch_rate, roll_rate, heading_rate)

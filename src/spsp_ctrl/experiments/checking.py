@@ -44,9 +44,10 @@ def check_rig(loaded: Loaded[RigConfig]) -> None:
 def check_scenario(loaded: Loaded[Scenario], more_figures: Sequence[str] = ()) -> None:
     """Acceptance rows name figures that a summary can hold (or an experiment adds: ``more_figures``). Raises ``ConfigError``."""
     known = [*summary.names(), *more_figures]
+    sections = {summary.SECTIONS[name] for name in loaded.model.figures if name in summary.SECTIONS}
     problems = []
     for i, row in enumerate(loaded.model.acceptance):
-        if row.value not in known:
+        if row.value not in known and row.value.split(".")[0] not in sections:
             near = difflib.get_close_matches(row.value, known, n=1, cutoff=0.4)
             line, column = loaded.locate(("acceptance", i, "value"))
             text = f"acceptance.{i}.value = {row.value!r}: a run has no such figure" + (f"; did you mean {near[0]!r}?" if near else "")

@@ -237,12 +237,21 @@ def summarise(
         "rate_hz": config.rate_hz,
         "seed": plan.seed,
     }
-    summary |= figures.errors(log.topics, scenario.settle_s, scenario.duration_s)
+    summary |= figures.measures(log.topics, config, scenario, imu_bias(plan.model_path))
     summary["timing_us"] = figures.timing(log.topics)
     summary["log"] = {"records": stats.records, "lost": stats.lost, "problem": stats.problem}
     summary["realtime_granted"] = granted
-    summary["acceptance"] = figures.acceptance(scenario.acceptance, summary)
+    summary["acceptance"] = figures.acceptance(scenario.acceptance, summary, config.control.law)
     return summary
+
+
+def imu_bias(model_path: Path) -> figures.ImuBias:
+    """Constant attitude bias of the virtual rig's IMU."""
+    from spsp_ctrl.plant.layout import G
+    from spsp_ctrl.plant.model import load_model
+
+    p = load_model(model_path).parameters()
+    return figures.ImuBias(float(p[G.imu_pitch_bias_rad]), -float(p[G.imu_roll_bias_rad]))
 
 
 def stderr(text: str) -> None:

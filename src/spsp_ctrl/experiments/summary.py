@@ -1,28 +1,53 @@
-"""Figures of a run from its log: errors, timing, acceptance rows. The one place where they are defined."""
+"""Figures of a run from its log: errors, timing, acceptance rows. The one place where they are defined; special ones have a module each.
+
+Errors come in three kinds that are never mixed:
+
+``imu``       by the IMU that closes the loop, as the paper measures: reference minus the frames of the IMU;
+``unbiased``  true, without the constant bias of the IMU, which no loop closed on that IMU can see;
+``true``      true in full.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spsp_ctrl.config.scenario import Acceptance
-from spsp_ctrl.messages import Mode, ReferenceKind
+from spsp_ctrl.config.rig import RigConfig
+from spsp_ctrl.config.scenario import Acceptance, Scenario
+from spsp_ctrl.experiments import open_loop, pointing, warming
+from spsp_ctrl.experiments.signals import (
+    ARCMIN_PER_RAD,
+    DEG_PER_RAD,
+    UM_PER_M,
+    Array,
+    Curves,
+    Figures,
+    Topics,
+    imu_frames,
+    judged,
+    thin,
+    wrap,
+)
+from spsp_ctrl.messages import ReferenceKind
 from spsp_ctrl.recording.schema import TOPICS
 
-ARCMIN_PER_RAD = 10800.0 / np.pi
-DEG_PER_RAD = 180.0 / np.pi
-UM_PER_M = 1e6
-
-Topics = Mapping[str, NDArray[Any]]
-Figures = dict[str, Any]
-Array = NDArray[np.float64]
+__all__ = ["ImuBias", "acceptance", "curves", "errors", "judged", "look_up", "measures", "timing", "within"]
 
 
-def _wrap(angle: Array) -> Array:
-    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
+class ImuBias(NamedTuple):
+    """Constant error of the IMU of a virtual rig, in the platform's own angles."""
+
+    pitch_rad: float
+    roll_rad: float
+
+
+SLOW_S = 2.0
+SECTIONS = {"stations": "open_loop", "open_loop": "open_loop", "heading": "pointing", "thermal": "thermal"}
+"""Section of a summary that an entry of a scenario's ``figures`` adds."""
+NO_BIAS = ImuBias(0.0, 0.0)
 
 
 def _spread(error: Array, scale: float, name: str) -> Figures:
@@ -34,38 +59,125 @@ def _spread(error: Array, scale: float, name: str) -> Figures:
     }
 
 
-def judged(control: NDArray[Any], settle_s: float, duration_s: float) -> NDArray[np.bool_]:
-    """Cycles that count: after the start-up transient, before the final stop, while the loop is active."""
-    t = control["stamp_ns"] * 1e-9
-    return np.asarray((t >= settle_s) & (t <= duration_s) & (control["mode"] == int(Mode.ACTIVE)))
+def _above_slow(t: Array, error: Array) -> Array:
+    """The error less its mean over ``SLOW_S``: what moves faster than the slow wander of the IMU."""
+    if len(t) < 2 or t[-1] - t[0] < 2.0 * SLOW_S:
+        return np.empty(0)
+    width = round(SLOW_S / float(np.median(np.diff(t))))
+    total = np.cumsum(np.insert(error, 0, 0.0))
+    mean = (total[width:] - total[:-width]) / width
+    first = width // 2
+    return np.asarray(error[first : first + len(mean)] - mean)
 
 
-def errors(topics: Topics, settle_s: float, duration_s: float) -> Figures:
-    """Attitude errors in arcmin, heading errors in deg and rod errors in um; ``imu`` as the sensor sees them, ``true`` on a virtual rig."""
+def attitude_errors(topics: Topics, settle_s: float, duration_s: float, bias: ImuBias) -> dict[str, dict[str, tuple[Array, Array]]]:
+    """Time in s and error in rad by axis and kind (see the head of this module), of the cycles or frames that count.
+
+    A joint reference is followed on the resolvers: its ``imu`` error is by the controller's own joint angle.
+    """
+    control = topics["/control"]
+    keep = judged(control, settle_s, duration_s)
+    c = control[keep]
+    t = c["stamp_ns"] * 1e-9
+    truth = topics.get("/truth")
+    true = truth[keep] if truth is not None and len(truth) == len(control) else None
+    joint = _is_joint(c)
+    source = "joint" if joint else "platform"
+    frames = imu_frames(topics).among(keep)
+    at = np.clip(np.searchsorted(control["stamp_ns"] * 1e-9, frames.stamp_s - 1e-9), 0, max(0, len(control) - 1))
+    result: dict[str, dict[str, tuple[Array, Array]]] = {}
+    for axis in ("pitch", "roll"):
+        reference = c[f"reference.{axis}_rad"]
+        kinds: dict[str, tuple[Array, Array]] = {}
+        if joint:
+            kinds["imu"] = (t, reference - c[f"estimate.joint_{axis}_rad"])
+        else:
+            seen = frames.pitch_rad if axis == "pitch" else frames.roll_rad
+            kinds["imu"] = (frames.stamp_s, control[f"reference.{axis}_rad"][at] - seen)
+        if true is not None:
+            full = reference - true[f"{source}_{axis}_rad"]
+            if not joint:
+                kinds["unbiased"] = (t, full - getattr(bias, f"{axis}_rad"))
+            kinds["true"] = (t, full)
+        result[axis] = kinds
+    return result
+
+
+def _is_joint(control: NDArray[Any]) -> bool:
+    return bool(len(control)) and bool((control["reference.kind"] == int(ReferenceKind.JOINT)).all())
+
+
+def errors(topics: Topics, settle_s: float, duration_s: float, bias: ImuBias = NO_BIAS) -> Figures:
+    """Attitude errors in arcmin by kind, heading errors in deg and rod errors in um."""
     control = topics["/control"]
     keep = judged(control, settle_s, duration_s)
     c = control[keep]
     truth = topics.get("/truth")
     true = truth[keep] if truth is not None and len(truth) == len(control) else None
-    joint = bool(len(c)) and bool((c["reference.kind"] == int(ReferenceKind.JOINT)).all())
-    source = "joint" if joint else "platform"
+    joint = _is_joint(c)
     result: Figures = {"samples": int(keep.sum()), "error_arcmin": {}, "rod_error_um": {}}
-    for axis in ("pitch", "roll"):
-        reference = c[f"reference.{axis}_rad"]
-        row = _spread(reference - c[f"estimate.{source}_{axis}_rad"], ARCMIN_PER_RAD, "imu")
+    by_axis = attitude_errors(topics, settle_s, duration_s, bias)
+    for axis, kinds in by_axis.items():
+        row: Figures = {}
+        for kind, (_, error) in kinds.items():
+            row |= _spread(error, ARCMIN_PER_RAD, kind)
+        for kind in ("imu", "true"):
+            if kind in kinds:
+                error = kinds[kind][1]
+                row[f"{kind}_range"] = float(np.ptp(error) * ARCMIN_PER_RAD) if error.size else None
+        if "true" in kinds:
+            fast = _above_slow(*kinds["true"])
+            row["fast_range"] = float(np.ptp(fast) * ARCMIN_PER_RAD) if fast.size else None
+        result["error_arcmin"][axis] = row
         if true is not None:
-            row |= _spread(reference - true[f"{source}_{axis}_rad"], ARCMIN_PER_RAD, "true")
             rod = true[f"rod_{axis}_m"] - c[f"estimate.rod_{axis}_m"]
             result["rod_error_um"][axis] = _spread(rod, UM_PER_M, "true") | {
                 "true_mean": float(rod.mean() * UM_PER_M) if rod.size else None
             }
-        result["error_arcmin"][axis] = row
+    result["error_arcmin"]["worst"] = {
+        name: max((row[name] for row in result["error_arcmin"].values() if row.get(name) is not None), default=None)
+        for name in result["error_arcmin"]["roll"]
+    }
     heading = c["estimate.azimuth_rad"] if joint else c["estimate.heading_rad"]
-    row = _spread(_wrap(c["reference.heading_rad"] - heading), DEG_PER_RAD, "imu")
+    row = _spread(wrap(c["reference.heading_rad"] - heading), DEG_PER_RAD, "imu")
     if true is not None:
         at = true["azimuth_rad"] if joint else true["heading_rad"]
-        row |= _spread(_wrap(c["reference.heading_rad"] - at), DEG_PER_RAD, "true")
+        row |= _spread(wrap(c["reference.heading_rad"] - at), DEG_PER_RAD, "true")
     result["azimuth_error_deg"] = row
+    return result
+
+
+def measures(topics: Topics, config: RigConfig, scenario: Scenario, bias: ImuBias = NO_BIAS) -> Figures:
+    """Every figure of a run but timing: errors always, the others as the scenario's ``figures`` ask for."""
+    result = errors(topics, scenario.settle_s, scenario.duration_s, bias)
+    asked = scenario.figures
+    if "stations" in asked or "open_loop" in asked:
+        result["open_loop"] = open_loop.figures(topics, config, scenario, bias)
+    if "heading" in asked:
+        result["pointing"] = pointing.figures(topics, config, scenario)
+    if "thermal" in asked:
+        result["thermal"] = warming.figures(topics, config, scenario)
+    return result
+
+
+def curves(topics: Topics, config: RigConfig, scenario: Scenario, bias: ImuBias = NO_BIAS) -> Curves:
+    """What the pictures of the scenario's ``figures`` need, in report units, thinned to what a page can show."""
+    result: Curves = {}
+    asked = scenario.figures
+    if "errors" in asked:
+        for axis, kinds in attitude_errors(topics, scenario.settle_s, scenario.duration_s, bias).items():
+            for kind, (t, error) in kinds.items():
+                result[f"error.{axis}.{kind}"] = thin(t, error * ARCMIN_PER_RAD)
+    if "base" in asked:
+        m = topics["/measurement"]
+        for axis in ("pitch", "roll"):
+            result[f"base.{axis}"] = thin(m["stamp_ns"] * 1e-9, m[f"base.{axis}_rad"] * DEG_PER_RAD)
+    if "stations" in asked or "open_loop" in asked:
+        result |= open_loop.curves(topics, config, scenario)
+    if "heading" in asked:
+        result |= pointing.curves(topics, config, scenario)
+    if "thermal" in asked:
+        result |= warming.curves(topics, config, scenario)
     return result
 
 
@@ -111,20 +223,36 @@ def look_up(figures: Figures, path: str) -> float | None:
     return float(value) if isinstance(value, int | float) else None
 
 
-def acceptance(rows: Sequence[Acceptance], figures: Figures) -> list[Figures]:
-    """One row each: passed when the figure exists and is within the limit. Rows touched by skipped cycles say so."""
+def within(row: Acceptance, value: float | None) -> bool:
+    """Does a figure keep the bounds of a row (not for rows with ``across``)?"""
+    if value is None:
+        return False
+    if row.limit is not None:
+        return abs(value) <= row.limit
+    return (row.min is None or value >= row.min) and (row.max is None or value <= row.max)
+
+
+def acceptance(rows: Sequence[Acceptance], figures: Figures, law: str = "") -> list[Figures]:
+    """Verdict of a single run, one row each: passed when the figure exists and is within its bounds. Rows touched by skipped cycles say so.
+
+    Rows that compare variants, or that belong to another law or to a variant, are left to ``spsp-ctrl experiment``.
+    """
     touched = bool(figures["timing_us"]["skipped"])
     verdict = []
     for row in rows:
+        if row.across or row.relative_to or any(row.variants) or (row.law is not None and law and row.law != law):
+            continue
         value = look_up(figures, row.value)
+        limit = row.limit if row.limit is not None else row.max if row.max is not None else row.min
         verdict.append(
             {
                 "name": row.name,
                 "value": value,
-                "limit": row.limit,
+                "limit": limit,
                 "unit": row.unit,
-                "pass": value is not None and abs(value) <= row.limit,
+                "pass": within(row, value),
                 "touched_by_skips": touched,
             }
+            | ({"min": row.min} if row.min is not None else {})
         )
     return verdict

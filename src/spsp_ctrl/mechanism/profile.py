@@ -34,6 +34,25 @@ def smooth_ramp(fraction: Real, ramp_s: float) -> tuple[Real, Real, Real, Real]:
     return value, rate, accel, integral
 
 
+def staircase(after_s: float, values: tuple[float, ...], dwell_s: float, move_s: float) -> tuple[float, float]:
+    """Value and rate of a staircase ``after_s`` s after its start: each value for ``dwell_s``, reached by a quintic move of ``move_s`` (0: a step).
+
+    Before the start the first value holds, after the end the last.
+    """
+    place = int(after_s // dwell_s) if after_s > 0.0 else 0
+    if place >= len(values):
+        return values[-1], 0.0
+    value = values[place]
+    if place == 0 or move_s == 0.0:
+        return value, 0.0
+    fraction = (after_s - place * dwell_s) / move_s
+    if fraction >= 1.0:
+        return value, 0.0
+    way = value - values[place - 1]
+    grown, rate, _, _ = smooth_ramp(fraction, move_s)
+    return values[place - 1] + way * grown, way * rate
+
+
 class Piece(NamedTuple):
     """Constant acceleration from ``start_s`` until the next piece."""
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spsp_ctrl.config.scenario import BaseMotion, Roughness, Sine
+from spsp_ctrl.config.scenario import BaseMotion, Roughness, Sine, Spectrum
 from spsp_ctrl.mechanism.frames import imu_roll_from_roll
 from spsp_ctrl.mechanism.profile import smooth_ramp
 from spsp_ctrl.plant.arrays import Array
@@ -21,6 +21,8 @@ from spsp_ctrl.plant.arrays import Array
 GRAVITY_M_S2 = 9.80665
 """Standard gravity (ISO 80000-3)."""
 ROUGHNESS_SINES = 24
+SEA_SPAN_S = 300.0
+SEA_DRAWS = 40
 CHUNK = 125
 """Rows computed at once, always on the same grid of cycles: so a row has the same bits in whichever block."""
 N_ROW = 18
@@ -49,9 +51,9 @@ class SwingTable:
         self._motion = motion
         self._rate_hz = rate_hz
         self._arm_m = arm_m
-        pitch_seed, roll_seed = np.random.SeedSequence(seed).spawn(2)
-        self._pitch = _waves(motion.pitch, motion.roughness, pitch_seed)
-        self._roll = _waves(motion.roll, motion.roughness, roll_seed)
+        pitch_seed, roll_seed, pitch_sea, roll_sea = np.random.SeedSequence(seed).spawn(4)
+        self._pitch = _joined(_waves(motion.pitch, motion.roughness, pitch_seed), motion.sea.pitch, pitch_sea)
+        self._roll = _joined(_waves(motion.roll, motion.roughness, roll_seed), motion.sea.roll, roll_sea)
         self._yaw = _waves(motion.yaw, None, None)
         self._yaw_rate_rad_s = radians(motion.yaw_rate_deg_s)
         # roll turns about -x: the sign comes from frames
@@ -138,6 +140,35 @@ def _waves(sines: tuple[Sine, ...], roughness: Roughness | None, seed: np.random
         phase += [float(x) for x in rng.uniform(0.0, 2.0 * pi, size=ROUGHNESS_SINES)]
         amplitude += [radians(roughness.rms_arcmin / 60.0) * sqrt(2.0 / ROUGHNESS_SINES)] * ROUGHNESS_SINES
     return _Waves(*(np.array(column, dtype=np.float64).reshape(-1, 1) for column in (amplitude, omega, phase)))
+
+
+def _joined(waves: _Waves, sea: Spectrum | None, seed: np.random.SeedSequence) -> _Waves:
+    if sea is None:
+        return waves
+    return _Waves(*(np.vstack(pair) for pair in zip(waves, sea_waves(sea, seed), strict=True)))
+
+
+def sea_waves(sea: Spectrum, seed: np.random.SeedSequence) -> _Waves:
+    """Lines of a seaway with phases from ``seed``, scaled to its rms; the first draw that keeps the peak over ``SEA_SPAN_S``.
+
+    Raises ``ValueError`` when no draw of ``SEA_DRAWS`` does.
+    """
+    frequency, weight = np.array(sea.lines, dtype=np.float64).T
+    amplitude = weight * (radians(sea.rms_deg) * sqrt(2.0) / sqrt(float(weight @ weight)))
+    omega = 2.0 * pi * frequency
+    rng = np.random.Generator(np.random.PCG64(seed))
+    t = np.arange(0.0, SEA_SPAN_S, min(0.5, 0.05 / float(frequency.max())))
+    peak = np.inf
+    for _ in range(SEA_DRAWS):
+        phase = rng.uniform(0.0, 2.0 * pi, size=len(frequency))
+        motion = amplitude @ np.sin(np.outer(omega, t) + phase[:, None])
+        peak = min(peak, float(np.abs(motion).max()))
+        if peak <= radians(sea.peak_deg):
+            return _Waves(amplitude[:, None], omega[:, None], phase[:, None])
+    raise ValueError(
+        f"no phases of the sea keep {sea.rms_deg:g} deg rms below peak_deg = {sea.peak_deg:g} for {SEA_SPAN_S:g} s; "
+        f"the lowest peak of {SEA_DRAWS} draws is {np.degrees(peak):.1f} deg"
+    )
 
 
 def _enveloped(waves: _Waves, after: Array, ramp: tuple[Array, Array, Array, Array]) -> Array:

@@ -100,6 +100,9 @@ class VirtualPlant:
         scenario = self.scenario
         rows[:, U.load_mass] = scenario.load.mass_kg
         rows[:, U.ambient] = scenario.temperature.ambient_c
+        if scenario.temperature.start_c is not None:
+            before_step = np.arange(first, first + BLOCK + 1) < scenario.temperature.step_at_s * self.rate_hz
+            rows[before_step, U.ambient] = scenario.temperature.start_c
         warm = scenario.temperature.screw_c
         if warm is not None:
             rows[:, U.heater_c] = warm
@@ -117,10 +120,11 @@ class VirtualPlant:
         park = self.scenario.park
         pitch, roll, azimuth = np.radians([park.pitch_deg, park.roll_deg, park.azimuth_deg])
         x[S.pitch], x[S.roll], x[S.azimuth] = pitch, roll, azimuth
-        ambient = self.scenario.temperature.ambient_c
-        x[S.column_temperature] = x[S.frame_temperature] = ambient
-        warm = self.scenario.temperature.screw_c
-        x[X.screw_temperature] = x[N_AXIS_STATE + X.screw_temperature] = ambient if warm is None else warm
+        temperature = self.scenario.temperature
+        start = temperature.ambient_c if temperature.start_c is None else temperature.start_c
+        x[S.column_temperature] = x[S.frame_temperature] = start
+        warm = temperature.screw_c
+        x[X.screw_temperature] = x[N_AXIS_STATE + X.screw_temperature] = start if warm is None else warm
         x[S.rotor_angle] = x[S.step_angle] = azimuth * p[G.az_gear_ratio]
         prepare(x, p, u, w)
         geometry = (w[W.height], w[W.upper], w[W.lower])

@@ -52,6 +52,7 @@ class SimulatedRig:
         self._imu_delay_ns = round(float(self._plant.parameters[G.imu_delay_s]) * 1e9)
         self._azimuth_every = max(1, round(config.rate_hz / config.azimuth.rate_hz))
         self._temperature_every = max(1, config.rate_hz // TEMPERATURE_HZ)
+        self._temperature_error_c = scenario.temperature.sensor_error_c
         self._dropouts = tuple((d.at_s, d.at_s + d.duration_s) for d in scenario.dropouts)
         self._velocity_modes = (config.pitch_actuator.mode == "velocity", config.roll_actuator.mode == "velocity")
         self._active = np.zeros(N_COMMAND)
@@ -146,7 +147,7 @@ class SimulatedRig:
             self._temperature = TemperatureSample(
                 now,
                 cycle // self._temperature_every,
-                *(step * round(t / step) for t in (screw_p, screw_r, column, frame)),
+                *(step * round((t + self._temperature_error_c) / step) for t in (screw_p, screw_r, column, frame)),
             )
 
     def _azimuth_sample(self, cycle: int) -> AzimuthSample:
