@@ -56,6 +56,8 @@ def experiment(
     rig = runner.load_rig_with(config, overrides)
     paths = list(catalogue.shipped(config).values()) if name == "all" else [catalogue.find(name, config)]
     experiments = sorted((runner.load(path, rig, seed, repeats) for path in paths), key=lambda e: e.scenario.position)
+    if name == "all":
+        experiments = [e for e in experiments if e.scenario.position < catalogue.STUDIES]
     folder = runner.open_folder(out)
     folders = [folder / e.name for e in experiments] if name == "all" else [folder]
     for path in folders:

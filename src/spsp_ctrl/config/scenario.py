@@ -337,7 +337,7 @@ class Scenario(Strict):
     """Short name, for tables and files."""
     title: str = ""
     position: int = Field(default=100, ge=1, le=1000)
-    """Place among the experiments of a list."""
+    """Place among the experiments of a list; from 20 on it is not part of ``experiment all``."""
     paper: str = ""
     """What the paper did."""
     note: str = ""

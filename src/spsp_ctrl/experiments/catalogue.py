@@ -8,6 +8,8 @@ from pathlib import Path
 from spsp_ctrl.config.loader import ConfigError, ConfigProblem
 
 FOLDER = "experiments"
+STUDIES = 20
+"""From this ``position`` on a file is a study of our own law (ladder, robustness): listed and played by name, not part of ``all``."""
 
 
 def shipped(rig_path: Path) -> dict[str, Path]:
