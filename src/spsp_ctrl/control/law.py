@@ -269,9 +269,22 @@ def _by_attitude(
         accel1 = p.pitch.accel_ff_a * j11 * accel_pitch
         accel2 = p.roll.accel_ff_a * (j21 * accel_pitch + j22 * accel_roll)
     dp, dr = body_to_tilt_rates(joint_pitch, joint_roll, wx, wy, state.azimuth_rate)
-    rod1, rod2 = j11 * dp, j21 * dp + j22 * dr
+    # what is fed forward or stands in the integrals is motion; P and D answer to noise
+    planned_p, planned_r = dp - att_pitch.p - att_pitch.d, dr - att_roll.p - att_roll.d
     return _new(
-        _Wanted, (att_pitch, att_roll, dp - rate_pitch, dr - rate_roll, rod1, rod2, rod1, rod2, accel1, accel2)
+        _Wanted,
+        (
+            att_pitch,
+            att_roll,
+            dp - rate_pitch,
+            dr - rate_roll,
+            j11 * dp,
+            j21 * dp + j22 * dr,
+            j11 * planned_p,
+            j21 * planned_p + j22 * planned_r,
+            accel1,
+            accel2,
+        ),
     )
 
 

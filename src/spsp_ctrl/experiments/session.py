@@ -238,7 +238,7 @@ def summarise(
         "seed": plan.seed,
     }
     summary |= figures.measures(log.topics, config, scenario, imu_bias(plan.model_path))
-    summary["timing_us"] = figures.timing(log.topics)
+    summary["timing_us"] = figures.timing(log.topics, scenario.settle_s, scenario.duration_s)
     summary["log"] = {"records": stats.records, "lost": stats.lost, "problem": stats.problem}
     summary["realtime_granted"] = granted
     summary["acceptance"] = figures.acceptance(scenario.acceptance, summary, config.control.law)

@@ -181,8 +181,8 @@ def curves(topics: Topics, config: RigConfig, scenario: Scenario, bias: ImuBias 
     return result
 
 
-def timing(topics: Topics) -> Figures:
-    """Lateness and computing time of the cycles in us."""
+def timing(topics: Topics, settle_s: float = 0.0, duration_s: float = float("inf")) -> Figures:
+    """Lateness and computing time of the cycles in us, skipped cycles in all and in the time that is judged."""
     rows = topics["/timing"]
     figures: Figures = {}
     for name in ("lateness", "compute"):
@@ -195,6 +195,8 @@ def timing(topics: Topics) -> Figures:
             "max": float(values.max()) if len(values) else 0.0,
         }
     figures["skipped"] = int(rows["skipped"].sum()) if len(rows) else 0
+    t = rows["stamp_ns"] * 1e-9
+    figures["skipped_judged"] = int(rows["skipped"][(t >= settle_s) & (t <= duration_s)].sum())
     return figures
 
 
@@ -237,7 +239,7 @@ def acceptance(rows: Sequence[Acceptance], figures: Figures, law: str = "") -> l
 
     Rows that compare variants, or that belong to another law or to a variant, are left to ``spsp-ctrl experiment``.
     """
-    touched = bool(figures["timing_us"]["skipped"])
+    touched = bool(figures["timing_us"]["skipped_judged"])
     verdict = []
     for row in rows:
         if row.across or row.relative_to or any(row.variants) or (row.law is not None and law and row.law != law):
