@@ -1,0 +1,146 @@
+"""The blocks of one axis's loops as discrete state spaces at the control rate, with named signals, and their connection.
+
+What runs at the rate of the IMU is written at the control rate by its fundamental: a sampler that takes every n-th value and a hold give
+``1/n (1 + z^-1 + ... + z^-(n-1))``, and a filter at the slow rate is the same filter in ``z^n``. The images at multiples of the IMU rate are left out
+(they are below -40 dB at every break point; ``tuning.measure`` shows what that costs).
+
+Each block mirrors one function of ``spsp_ctrl.control``; nothing else in the project may rely on these copies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import control as ct
+import numpy as np
+from numpy.typing import NDArray
+
+from spsp_ctrl.control.params import AxisParams, LawParams
+from spsp_ctrl.tuning.plant_model import AxisPlant
+
+Matrix = NDArray[np.float64]
+
+
+def block(a: Any, b: Any, c: Any, d: Any, period_s: float, inputs: Sequence[str], outputs: Sequence[str]) -> Any:
+    """A discrete state space with named signals."""
+    return ct.ss(np.atleast_2d(a), np.atleast_2d(b), np.atleast_2d(c), np.atleast_2d(d), period_s, inputs=list(inputs), outputs=list(outputs))
+
+
+def gain(matrix: Any, period_s: float, inputs: Sequence[str], outputs: Sequence[str]) -> Any:
+    """A static block."""
+    d = np.atleast_2d(np.asarray(matrix, dtype=float))
+    return ct.ss(np.zeros((0, 0)), np.zeros((0, d.shape[1])), np.zeros((d.shape[0], 0)), d, period_s, inputs=list(inputs), outputs=list(outputs))
+
+
+def fir(taps: Sequence[float], period_s: float, source: str, output: str) -> Any:
+    """Weighted sum of the last values: ``taps[0]`` is for the present one."""
+    n = len(taps) - 1
+    if n == 0:
+        return gain(taps[0], period_s, [source], [output])
+    return block(np.eye(n, k=-1), np.eye(n, 1), np.asarray(taps[1:])[None, :], taps[0], period_s, [source], [output])
+
+
+def delay(cycles: int, period_s: float, source: str, output: str) -> Any:
+    """A shift by whole cycles."""
+    return fir([0.0] * cycles + [1.0], period_s, source, output)
+
+
+def imu(plant: AxisPlant, period_s: float) -> Any:
+    """Lags of the IMU: ``angle`` (of the platform in space) to ``attitude_now`` and ``gyro_now``.
+
+    Sampled for inputs that are straight between the cycles, as ``plant.stages.sensors.lag_step``.
+    """
+    attitude = ct.c2d(ct.ss(ct.tf([1.0], [max(plant.attitude_lag_s, 1e-6), 1.0])), period_s, "foh")
+    gyro = ct.c2d(ct.ss(ct.tf([1.0, 0.0], [max(plant.gyro_lag_s, 1e-6), 1.0])), period_s, "foh")
+    both = ct.append(attitude, gyro)
+    spread = np.ones((2, 1))
+    return block(both.A, both.B @ spread, both.C, both.D @ spread, period_s, ["angle"], ["attitude_now", "gyro_now"])
+
+
+def observer(p: LawParams, axis: AxisParams) -> Any:
+    """``control.motor_observer.step``: ``resolver`` and ``current`` to ``motor_est`` and ``speed_est``. State: angle, speed, disturbance, drive."""
+    t, k = p.period_s, axis.torque_to_accel
+    half = 0.5 * t * t
+    predict = np.array([[1.0, t, half, 0.5 * half], [0.0, 1.0, t, 0.5 * t], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
+    drive = np.array([[0.5 * half * k], [0.5 * t * k], [0.0], [k]])
+    correct = np.array([[p.l_angle], [p.l_speed], [p.l_disturbance], [0.0]])
+    left = np.eye(4) - correct @ np.array([[1.0, 0.0, 0.0, 0.0]])
+    a, b = left @ predict, np.hstack((correct, left @ drive))
+    return block(a, b, a[:2], b[:2], t, ["resolver", "current"], ["motor_est", "speed_est"])
+
+
+def base_rate(p: LawParams, every: int, wait: int) -> Sequence[Any]:
+    """``control.estimator.step``: ``gyro_now`` and ``joint_rate`` to ``base_est`` (rate predicted to now) and ``accel_est``."""
+    t, slow = p.period_s, p.period_s * every
+    decay = p.gyro_lag_decay
+    lag = block(decay, 1.0 - decay, decay, 1.0 - decay, t, ["joint_rate"], ["joint_lagged"])
+    seen = gain([[1.0, -1.0]], t, ["gyro_now", "joint_lagged"], ["base_now"])
+    late = delay(wait, t, "base_now", "base_seen")
+    g, h = p.l_rate, p.l_accel
+    a = np.array([[1.0 - g, (1.0 - g) * slow], [-h, 1.0 - h * slow]])
+    b = np.array([[g], [h]])
+    ahead = wait * t + p.gyro_lag_s + p.lead_s
+    # the filter in z^every: its last `every` states are a shift register, newest first
+    chain = np.eye(2 * every, k=-2)
+    chain[:2, -2:] = a
+    into = np.zeros((2 * every, 1))
+    into[:2] = b
+    out = [np.array([[1.0, ahead + j * t], [0.0, 1.0]]) / every for j in range(every)]
+    # outputs from the present state (j = 0) and those before it, which the register still holds
+    c = np.zeros((2, 2 * every))
+    c[:, -2:] += out[0] @ a
+    for j in range(1, every):
+        c[:, 2 * (j - 1) : 2 * j] += out[j]
+    return [lag, seen, late, block(chain, into, c, out[0] @ b, t, ["base_seen"], ["base_est", "accel_est"])]
+
+
+def attitude_pid(p: LawParams, every: int, wait: int) -> Sequence[Any]:
+    """``control.law._attitude`` for a reference of zero: ``attitude_now`` and ``gyro_now`` to ``rate_attitude`` and ``rate_gyro``."""
+    t = p.period_s
+    hold = np.ones(every) / every
+    shift = np.zeros(wait)
+    taps = -p.kp * hold
+    rate = -p.kp * p.td * hold
+    if not p.feedforward:
+        # difference of two attitudes instead of the gyro
+        taps = np.concatenate((taps, np.zeros(every))) + np.concatenate((rate, -rate)) / (every * t)
+        rate = np.zeros(1)
+    # an integrator at the slow rate with its hold is one at the fast rate: T_slow / (1 - z^-n) * hold = T / (1 - z^-1)
+    integral = block(1.0, 1.0, -p.ki * t, -p.ki * t, t, ["attitude_seen"], ["rate_i"])
+    return [
+        delay(wait, t, "attitude_now", "attitude_seen"),
+        fir(taps, t, "attitude_seen", "rate_pd"),
+        integral,
+        fir(np.concatenate((shift, rate)), t, "gyro_now", "rate_d"),
+        gain([[1.0, 1.0, 1.0]], t, ["rate_pd", "rate_i", "rate_d"], ["rate_pid"]),
+    ]
+
+
+def speed_pi(p: LawParams) -> Any:
+    """``control.law._rod``: ``motor_ref``, ``speed_est`` and ``accel_ff`` to ``command``."""
+    t = p.period_s
+    b = [[1.0, -1.0, 0.0]]
+    kp, ki = p.speed_kp, p.speed_ki * t
+    return block(1.0, b, ki, [[kp + ki, -kp - ki, 1.0]], t, ["motor_ref", "speed_est", "accel_ff"], ["command"])
+
+
+def connect(blocks: Sequence[Any], cut: Sequence[str] = ()) -> Any:
+    """Join every input to the output of its name, except the inputs named in ``cut``.
+
+    Returns the state space from all inputs (added to what the connection brings) to all outputs, with the names of the blocks. An input that no
+    output feeds is an outer input.
+    """
+    whole = ct.append(*blocks)
+    inputs = [name for b in blocks for name in b.input_labels]
+    outputs = [name for b in blocks for name in b.output_labels]
+    if len(set(outputs)) != len(outputs):
+        raise ValueError(f"two blocks give the same signal: {sorted(o for o in outputs if outputs.count(o) > 1)}")
+    joined = np.array([[float(i == o and i not in cut) for o in outputs] for i in inputs])
+    period = blocks[0].dt
+    inner = np.linalg.solve(np.eye(len(outputs)) - whole.D @ joined, np.hstack((whole.C, whole.D)))
+    n = whole.nstates
+    c, d = inner[:, :n], inner[:, n:]
+    a, b = whole.A + whole.B @ joined @ c, whole.B + whole.B @ joined @ d
+    numbered = [name if inputs.count(name) == 1 else f"{name}:{k}" for k, name in enumerate(inputs)]
+    return ct.ss(a, b, c, d, period, inputs=numbered, outputs=outputs)
