@@ -1,8 +1,8 @@
 """The blocks of one axis's loops as discrete state spaces at the control rate, with named signals, and their connection.
 
-What runs at the rate of the IMU is written at the control rate by its fundamental: a sampler that takes every n-th value and a hold give
-``1/n (1 + z^-1 + ... + z^-(n-1))``, and a filter at the slow rate is the same filter in ``z^n``. The images at multiples of the IMU rate are left out
-(they are below -40 dB at every break point; ``tuning.measure`` shows what that costs).
+What runs at the rate of the IMU sits between samplers and holds. A sampler here is a gain: ``n`` in the cycle that sees a frame and 0 in the
+``n - 1`` others, which with ``1/n`` in the hold is the law exactly; the loop is then periodic, and ``tuning.loops`` treats it so. A gain of 1 throughout
+is its time-invariant approximation: sampler and hold as ``1/n (1 + z^-1 + ... + z^-(n-1))``, the images at multiples of the IMU rate left out.
 
 Each block mirrors one function of ``spsp_ctrl.control``; nothing else in the project may rely on these copies.
 """
@@ -70,13 +70,14 @@ def observer(p: LawParams, axis: AxisParams) -> Any:
     return block(a, b, a[:2], b[:2], t, ["resolver", "current"], ["motor_est", "speed_est"])
 
 
-def base_rate(p: LawParams, every: int, wait: int) -> Sequence[Any]:
+def base_rate(p: LawParams, every: int, wait: int, sampler: float) -> Sequence[Any]:
     """``control.estimator.step``: ``gyro_now`` and ``joint_rate`` to ``base_est`` (rate predicted to now) and ``accel_est``."""
     t, slow = p.period_s, p.period_s * every
     decay = p.gyro_lag_decay
     lag = block(decay, 1.0 - decay, decay, 1.0 - decay, t, ["joint_rate"], ["joint_lagged"])
     seen = gain([[1.0, -1.0]], t, ["gyro_now", "joint_lagged"], ["base_now"])
-    late = delay(wait, t, "base_now", "base_seen")
+    late = delay(wait, t, "base_now", "base_late")
+    sampled = gain(sampler, t, ["base_late"], ["base_seen"])
     g, h = p.l_rate, p.l_accel
     a = np.array([[1.0 - g, (1.0 - g) * slow], [-h, 1.0 - h * slow]])
     b = np.array([[g], [h]])
@@ -92,14 +93,13 @@ def base_rate(p: LawParams, every: int, wait: int) -> Sequence[Any]:
     c[:, -2:] += out[0] @ a
     for j in range(1, every):
         c[:, 2 * (j - 1) : 2 * j] += out[j]
-    return [lag, seen, late, block(chain, into, c, out[0] @ b, t, ["base_seen"], ["base_est", "accel_est"])]
+    return [lag, seen, late, sampled, block(chain, into, c, out[0] @ b, t, ["base_seen"], ["base_est", "accel_est"])]
 
 
-def attitude_pid(p: LawParams, every: int, wait: int) -> Sequence[Any]:
-    """``control.law._attitude`` for a reference of zero: ``attitude_now`` and ``gyro_now`` to ``rate_attitude`` and ``rate_gyro``."""
+def attitude_pid(p: LawParams, every: int, wait: int, sampler: float) -> Sequence[Any]:
+    """``control.law._attitude`` for a reference of zero: ``attitude_now`` and ``gyro_now`` to ``rate_pid``."""
     t = p.period_s
     hold = np.ones(every) / every
-    shift = np.zeros(wait)
     taps = -p.kp * hold
     rate = -p.kp * p.td * hold
     if not p.feedforward:
@@ -109,10 +109,12 @@ def attitude_pid(p: LawParams, every: int, wait: int) -> Sequence[Any]:
     # an integrator at the slow rate with its hold is one at the fast rate: T_slow / (1 - z^-n) * hold = T / (1 - z^-1)
     integral = block(1.0, 1.0, -p.ki * t, -p.ki * t, t, ["attitude_seen"], ["rate_i"])
     return [
-        delay(wait, t, "attitude_now", "attitude_seen"),
+        delay(wait, t, "attitude_now", "attitude_late"),
+        delay(wait, t, "gyro_now", "gyro_late"),
+        gain(np.eye(2) * sampler, t, ["attitude_late", "gyro_late"], ["attitude_seen", "gyro_seen"]),
         fir(taps, t, "attitude_seen", "rate_pd"),
         integral,
-        fir(np.concatenate((shift, rate)), t, "gyro_now", "rate_d"),
+        fir(rate, t, "gyro_seen", "rate_d"),
         gain([[1.0, 1.0, 1.0]], t, ["rate_pd", "rate_i", "rate_d"], ["rate_pid"]),
     ]
 

@@ -35,7 +35,7 @@ ISOLATION_HZ = (0.125, 0.25, 0.5, 1.0, 2.0, 3.0, 5.0)
 
 def grid_hz(period_s: float) -> Real:
     """Frequencies on which margins are sought: 0.02 Hz to just below half the control rate."""
-    return np.geomspace(0.02, 0.49 / period_s, 2500)
+    return np.geomspace(0.02, 0.49 / period_s, 1000)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +62,15 @@ class Margins:
         return {name: value if np.isfinite(value) else None for name, value in asdict(self).items()}
 
 
-def response(system: Any, f_hz: Real) -> Complex:
-    """Frequency response of a SISO system of ``control`` at ``f_hz``."""
-    z = np.exp(2j * np.pi * np.asarray(f_hz) * system.dt)
-    return np.asarray(system(z), dtype=complex).reshape(np.shape(f_hz))
+def _disk(loop: Complex) -> Real:
+    # 1 / |S - 1/2| with S = 1 / (1 + L)
+    return np.asarray(2.0 * np.abs((1.0 + loop) / (1.0 - loop)), dtype=float)
+
+
+def disk_margin(loop: Complex) -> float:
+    """Balanced disk margin from a frequency response (Seiler, Packard, Gahinet 2020); ``control.disk_margins`` needs a state space, which a
+    measurement has not got. A test holds them equal."""
+    return float(_disk(loop).min())
 
 
 def margins(f_hz: Real, loop: Complex) -> Margins:
@@ -74,8 +79,7 @@ def margins(f_hz: Real, loop: Complex) -> Margins:
     gm, pm, _, _, wgc, _ = ct.stability_margins(ct.frd(loop, omega, smooth=True), returnall=True)
     gm, pm, wgc = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (gm, pm, wgc))
     up, down = gm[gm > 1.0], gm[gm < 1.0]
-    # the distance to the disk's centre: S - 1/2 = (1 - L) / (2 (1 + L)) (Seiler, Packard, Gahinet 2020, Eq 9); the library's own needs a state space
-    disk = 2.0 * np.abs((1.0 + loop) / (1.0 - loop))
+    disk = _disk(loop)
     worst = int(np.argmin(disk))
     delays = np.radians(np.where(pm > 0.0, pm, pm + 360.0)) / wgc
     return Margins(
@@ -94,16 +98,31 @@ class UnstableLoopError(Exception):
 
 
 class AxisLoops:
-    """The loops of one axis of a law. ``kind`` says on what the position loop is closed."""
+    """The loops of one axis of a law. ``kind`` says on what the position loop is closed.
 
-    def __init__(self, law: LawParams, plant: AxisPlant, axis: Axis = "roll", kind: Kind = "inertial") -> None:
-        self.law, self.plant, self.axis, self.kind = law, plant, axis, kind
-        self.period_s = law.period_s
-        self._blocks = _network(law, plant, axis, kind)
+    Closed on the IMU the loop repeats itself only every frame: responses and poles are those of the periodic system. A response is the part of the
+    output at the frequency of the input, which is what a correlation measures.
+    """
+
+    def __init__(self, law: LawParams, plant: AxisPlant, axis: Axis = "roll", kind: Kind = "inertial", feedforward: bool = True) -> None:
+        """``feedforward=False`` leaves the base-rate feed-forward out (and keeps the gyro in the PID)."""
+        self.axis, self.kind, self.period_s = axis, kind, law.period_s
+        self.every = plant.imu_every(law.period_s) if kind == "inertial" else 1
+        self._wait, self._imu = plant.imu_delay_cycles(law.period_s), blocks.imu(plant, law.period_s)
+        self._make = lambda sampler: _network(law, plant, axis, kind, feedforward, sampler)
+
+    def breaks(self) -> tuple[Break, ...]:
+        """Where this loop can be broken."""
+        return ("current", "imu", "resolver") if self.kind == "inertial" else ("current", "resolver")
+
+    def _phases(self, cut: Sequence[str] = ()) -> list[Any]:
+        """The system of the cycle that sees a frame, then of those that do not."""
+        seeing = blocks.connect(self._make(float(self.every)), cut)
+        return [seeing] + ([blocks.connect(self._make(0.0), cut)] * (self.every - 1) if self.every > 1 else [])
 
     def poles(self) -> Complex:
-        """Poles of the closed loop."""
-        return np.asarray(np.linalg.eigvals(blocks.connect(self._blocks, cut=()).A), dtype=complex)
+        """Poles of the closed loop over one IMU frame (one cycle where there is no IMU in the loop)."""
+        return np.asarray(np.linalg.eigvals(_over_a_frame(self._phases())), dtype=complex)
 
     def check_stable(self) -> None:
         """Raises ``UnstableLoopError``."""
@@ -111,39 +130,95 @@ class AxisLoops:
         if worst >= 1.0 - 1e-9:
             raise UnstableLoopError(f"the {self.axis} axis is unstable closed on the {self.kind} reference: largest pole {worst:.4f}")
 
-    def open_loop(self, at: Break) -> Any:
-        """Loop transfer function, negative feedback, as a discrete ``control.StateSpace``: 1 + L = 0 is the edge of stability."""
-        if at not in self.breaks():
-            raise ValueError(f"a {self.kind} loop has no break point {at!r}")
-        name = SIGNALS[at]
-        whole = blocks.connect(self._blocks, cut=(name,))
-        return -whole[whole.output_labels.index(name), whole.input_labels.index(name)]
+    def responses(self, f_hz: Real) -> dict[Break, Complex]:
+        """Loop transfer functions at all break points, negative feedback: 1 + L = 0 is the edge of stability.
 
-    def breaks(self) -> tuple[Break, ...]:
-        """Where this loop can be broken."""
-        return ("current", "imu", "resolver") if self.kind == "inertial" else ("current", "resolver")
+        From the closed loop, as they are measured: ``L = -G / (1 + G)`` with G from an injection to what comes back.
+        """
+        names = [SIGNALS[at] for at in self.breaks()]
+        phases = self._phases()
+        g = _steady(phases, f_hz, names, names)
+        found: dict[Break, Complex] = {}
+        for k, at in enumerate(self.breaks()):
+            back = g[:, k, k]
+            found[at] = -back / (1.0 + back)
+        if "imu" in found:
+            # this loop exists at the instants of the frames alone: what was injected over what a frame then holds is 1 + L
+            frame = -self._wait % self.every
+            seen = _steady(phases, f_hz, ["angle"], ["attitude_now"], at_phase=frame)[:, 0, 0]
+            lag = self._imu(np.exp(2j * np.pi * np.asarray(f_hz) * self.period_s))[0, 0]
+            found["imu"] = np.asarray(lag / seen - 1.0, dtype=complex)
+        return found
 
-    def margins(self, at: Break) -> Margins:
-        """Margins of the loop broken at ``at``. Raises ``UnstableLoopError`` where the closed loop is not stable."""
+    def all_margins(self) -> dict[Break, Margins]:
+        """Margins of every loop. Raises ``UnstableLoopError`` where the closed loop is not stable."""
         self.check_stable()
         f = grid_hz(self.period_s)
-        return margins(f, response(self.open_loop(at), f))
+        return {at: margins(f[keep], loop[keep]) for at, loop in self.responses(f).items() for keep in [self._sampled(at, f)]}
+
+    def smallest_disk(self) -> float:
+        """The smallest disk margin of all loops, 0 where the closed loop is unstable."""
+        try:
+            self.check_stable()
+        except UnstableLoopError:
+            return 0.0
+        f = grid_hz(self.period_s)[::2]
+        return min(disk_margin(loop[self._sampled(at, f)]) for at, loop in self.responses(f).items())
+
+    def _sampled(self, at: Break, f: Real) -> Any:
+        """Frequencies below half the rate at which a break point is sampled."""
+        return f < 0.49 / (self.period_s * (self.every if at == "imu" else 1))
 
     def isolation_db(self, f_hz: Sequence[float] = ISOLATION_HZ) -> Real:
         """Platform angle in space over base angle, both sides of the base's motion (angle and rate) included, in dB."""
         f = np.asarray(f_hz, dtype=float)
-        whole = blocks.connect(self._blocks)
-        o = whole.output_labels.index("angle")
-        angle, rate = (response(whole[o, whole.input_labels.index(name)], f) for name in ("base", "base_rate"))
-        return np.asarray(20.0 * np.log10(np.abs(angle + 2j * np.pi * f * rate)))
+        g = _steady(self._phases(), f, ["base", "base_rate"], ["angle"])[:, 0, :]
+        return np.asarray(20.0 * np.log10(np.abs(g[:, 0] + 2j * np.pi * f * g[:, 1])))
 
     def transfer(self, source: str, output: str, f_hz: Real, cut: Sequence[str] = ()) -> Complex:
         """Frequency response between two signals of ``tuning.blocks``, with the inputs named in ``cut`` left open."""
-        whole = blocks.connect(self._blocks, cut=cut)
-        return response(whole[whole.output_labels.index(output), whole.input_labels.index(source)], f_hz)
+        return np.asarray(_steady(self._phases(cut), f_hz, [source], [output])[:, 0, 0], dtype=complex)
+
+    def time_invariant(self, at: Break) -> Any:
+        """The open loop without the images of the IMU's sampling, as a ``control.StateSpace`` for the tools of that library."""
+        name = SIGNALS[at]
+        whole = blocks.connect(self._make(1.0), cut=(name,))
+        return -whole[whole.output_labels.index(name), whole.input_labels.index(name)]
 
 
-def _network(p: LawParams, plant: AxisPlant, axis: Axis, kind: Kind) -> list[Any]:
+def _over_a_frame(phases: Sequence[Any]) -> Real:
+    """Transition matrix over all phases."""
+    a = np.eye(phases[0].nstates)
+    for phase in phases:
+        a = phase.A @ a
+    return np.asarray(a, dtype=float)
+
+
+def _steady(
+    phases: Sequence[Any], f_hz: Real, sources: Sequence[str], outputs: Sequence[str], at_phase: int | None = None
+) -> Complex:
+    """Response (frequency, output, input) of a periodic system at the frequency of its input; with ``at_phase``, of the output sampled there alone.
+
+    With input ``exp(j w k T)`` the state is ``X_k exp(j w k T)``, ``X`` with the period of the system (the exponentially modulated periodic signals of
+    Wereley, 1990, ch. 3, in discrete time): solve for ``X_0`` over one period, then average the outputs over the phases.
+    """
+    z = np.exp(2j * np.pi * np.asarray(f_hz, dtype=float) * phases[0].dt)[:, None, None]
+    columns = [phases[0].input_labels.index(name) for name in sources]
+    rows = [phases[0].output_labels.index(name) for name in outputs]
+    n = phases[0].nstates
+    x = np.zeros((len(z), n, len(columns)), dtype=complex)
+    for phase in phases:
+        x = (phase.A @ x + phase.B[:, columns]) / z
+    x = np.linalg.solve(np.eye(n) - _over_a_frame(phases) / z ** len(phases), x)
+    y = np.zeros((len(z), len(rows), len(columns)), dtype=complex)
+    for k, phase in enumerate(phases):
+        if at_phase is None or k == at_phase:
+            y += phase.C[rows] @ x + phase.D[np.ix_(rows, columns)]
+        x = (phase.A @ x + phase.B[:, columns]) / z
+    return y / (len(phases) if at_phase is None else 1)
+
+
+def _network(p: LawParams, plant: AxisPlant, axis: Axis, kind: Kind, feedforward: bool, sampler: float) -> list[Any]:
     """All blocks of one axis. Names of inputs are those of the outputs that feed them."""
     t = p.period_s
     own = p.roll if axis == "roll" else p.pitch
@@ -160,10 +235,10 @@ def _network(p: LawParams, plant: AxisPlant, axis: Axis, kind: Kind) -> list[Any
         blocks.speed_pi(p),
     ]
     if kind == "inertial":
-        network += [blocks.imu(plant, t), *blocks.attitude_pid(p, every, wait)]
+        network += [blocks.imu(plant, t), *blocks.attitude_pid(p, every, wait, sampler)]
         demand, sources = [1.0], ["rate_pid"]
-        if p.feedforward:
-            network += blocks.base_rate(p, every, wait)
+        if p.feedforward and feedforward:
+            network += blocks.base_rate(p, every, wait, sampler)
             demand, sources = [1.0, -1.0], ["rate_pid", "base_est"]
             accel = p.accel_ff_a[1 if axis == "roll" else 0]
             network.append(blocks.gain(-accel * lever, t, ["accel_est"], ["accel_ff"]))

@@ -9,34 +9,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
-from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import Scenario
-from spsp_ctrl.messages import Command, Measurement, Mode, Truth
+from spsp_ctrl.messages import NO_IMU, Command, Measurement, Mode, Truth
 from spsp_ctrl.plant.layout import G
 from spsp_ctrl.plant.model import PlantModel
 from spsp_ctrl.rig.base import Rig, RigIdentity
 from spsp_ctrl.rig.simulated import SimulatedRig
 from spsp_ctrl.runtime import cycle
+from spsp_ctrl.tuning.loops import Break, Complex, Kind, Margins, Real, margins
 from spsp_ctrl.tuning.plant_model import LOAD_KG, SMOOTH_BITS, Axis, smooth
 
-Break = Literal["current", "imu", "resolver"]
-Kind = Literal["inertial", "joint"]
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
-PERIOD_S = 2.0
-"""Period of the multi-sine: lines are multiples of 0.5 Hz."""
+PERIOD_S = 4.0
+"""Period of the multi-sine: lines are multiples of 0.25 Hz."""
 START_S = 1.0
 """Arming and alignment at level are over by then (checked)."""
 FADE_S = 1.0
 """The injection grows over this time: a jump would run into the limit of rod acceleration."""
-SETTLE_PERIODS, JUDGED_PERIODS = 2, 1
-RMS: dict[Break, float] = {"current": 2e-2, "imu": 1e-5, "resolver": 1e-2}
+SETTLE_PERIODS, JUDGED_PERIODS = 1, 1
+RMS: dict[Break, float] = {"current": 2e-2, "imu": 5e-6, "resolver": 3e-3}
 """Size of the injection (A, rad, rad): small enough that no limit acts, large against the resolver's counts."""
 
 
@@ -56,22 +50,30 @@ class Response:
     """Size (rms) of the signal after the injection at lines that were not injected, over that at those that were: distortion, drift, transient."""
 
 
-def lines_hz(low_hz: float = 0.5, high_hz: float = 90.0, count: int = 40) -> Real:
-    """Odd multiples of the base frequency, about evenly spread on a logarithmic scale.
+def lines_hz(low_hz: float = 0.25, high_hz: float = 90.0, count: int = 48) -> Real:
+    """Lines about evenly spread on a logarithmic scale: 4 n + 1 times the base frequency.
 
-    Their images at the IMU rate fall on odd lines above ``high_hz``, their second harmonics on even lines, so neither falls on another line.
+    Second harmonics and the images of the lines at multiples of a 200 Hz IMU then fall between the lines, never on one.
     """
-    k = np.unique(2 * (np.geomspace(low_hz * PERIOD_S, high_hz * PERIOD_S, count) / 2).astype(int) + 1)
-    return np.asarray(k[k <= high_hz * PERIOD_S] / PERIOD_S, dtype=float)
+    n = np.round((np.geomspace(low_hz, high_hz, count) * PERIOD_S - 1.0) / 4.0)
+    return np.asarray((4.0 * np.unique(n[n >= 0.0]) + 1.0) / PERIOD_S, dtype=float)
+
+
+def default_lines(at: Break) -> Real:
+    """Up to 95 Hz at the IMU, over the structural mode elsewhere."""
+    return lines_hz(high_hz=95.0) if at == "imu" else lines_hz(high_hz=160.0, count=64)
 
 
 class InjectingRig:
     """A rig whose current command, or sensed angle, of one axis carries a multi-sine. Everything else passes through."""
 
-    def __init__(self, rig: Rig, at: Break, axis: Axis, f_hz: Real, rms: float, seed: int, lags_s: tuple[float, float], rad_per_count: float) -> None:
+    def __init__(
+        self, rig: Rig, at: Break, axis: Axis, f_hz: Real, seed: int, lags_s: tuple[float, float], rad_per_count: float
+    ) -> None:
+        """``lags_s``: of the IMU's attitude and gyro. ``rad_per_count``: of the resolver."""
         self._rig, self._at, self._axis = rig, at, axis
         self.omega = 2.0 * pi * f_hz
-        amplitude = rms * np.sqrt(2.0 / len(f_hz))
+        amplitude = RMS[at] * np.sqrt(2.0 / len(f_hz))
         self.phasors = amplitude * np.exp(1j * np.random.default_rng(seed).uniform(0.0, 2.0 * pi, len(f_hz)))
         attitude, gyro = lags_s
         s = 1j * self.omega
@@ -79,7 +81,7 @@ class InjectingRig:
         self._attitude = self.phasors / (1.0 + s * attitude)
         self._gyro = self.phasors * s / (1.0 + s * gyro)
         self._rad_per_count = rad_per_count
-        self._imu_seq, self._imu = -1, None
+        self._imu = NO_IMU
         self.active_from_ns = 0
         self.stamps_ns: list[int] = []
         self.before: list[float] = []
@@ -118,7 +120,7 @@ class InjectingRig:
         m = self._rig.read(now_ns)
         if self._at == "imu" and m.imu.valid:
             frame = m.imu
-            if frame.seq != self._imu_seq:
+            if frame.seq != self._imu.seq:
                 angle, rate = self._value(self._attitude, frame.stamp_ns), self._value(self._gyro, frame.stamp_ns)
                 if self._axis == "roll":
                     # platform roll is minus the roll of the IMU
@@ -127,7 +129,6 @@ class InjectingRig:
                 else:
                     self._note(frame.stamp_ns, frame.pitch_rad, frame.pitch_rad + angle)
                     self._imu = frame._replace(pitch_rad=frame.pitch_rad + angle, gyro_y_rad_s=frame.gyro_y_rad_s + rate)
-                self._imu_seq = frame.seq
             m = m._replace(imu=self._imu)
         elif self._at == "resolver":
             name = f"resolver_{self._axis}"
@@ -192,7 +193,7 @@ def measure(
     if at == "imu" and kind == "joint":
         raise ValueError("closed on the resolvers there is no loop through the IMU")
     config = smooth_config(config)
-    f = lines_hz() if f_hz is None else np.asarray(f_hz, dtype=float)
+    f = default_lines(at) if f_hz is None else np.asarray(f_hz, dtype=float)
     if np.any(np.abs(f * PERIOD_S - np.round(f * PERIOD_S)) > 1e-9) or f.min() <= 0.0:
         raise ValueError(f"lines must be multiples of {1.0 / PERIOD_S:g} Hz")
     top = 0.5 * (config.imu.rate_hz if at == "imu" else config.rate_hz)
@@ -202,7 +203,7 @@ def measure(
     parameters = plant.parameters()
     lags = float(parameters[G.imu_attitude_lag_s]), float(parameters[G.imu_gyro_lag_s])
     scenario = still(kind)
-    rig = InjectingRig(SimulatedRig(config, plant, scenario, seed), at, axis, f, RMS[at], seed, lags, 2.0 * pi / 2**SMOOTH_BITS)
+    rig = InjectingRig(SimulatedRig(config, plant, scenario, seed), at, axis, f, seed, lags, 2.0 * pi / 2**SMOOTH_BITS)
     rig.active_from_ns = round(START_S * 1e9)
     _run(rig, config, scenario)
 
@@ -217,6 +218,12 @@ def measure(
 
     total, used = float(np.var(after)), 0.5 * float(np.sum(np.abs(phasors(after, f)) ** 2))
     return Response(at, axis, f, -phasors(before, f) / phasors(after, f), float(np.sqrt(max(total - used, 0.0) / used)))
+
+
+def measured_margins(response: Response) -> Margins:
+    """Margins of a measured loop, from the lines where the gain is below 30: above, the little that is left of the injection says nothing of L."""
+    keep = np.abs(response.loop) < 30.0
+    return margins(response.f_hz[keep], response.loop[keep])
 
 
 def _run(rig: InjectingRig, config: RigConfig, scenario: Scenario) -> None:

@@ -8,6 +8,7 @@ axes, which vanish at level. The same equations as ``plant.stages``, linearised 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import ceil
 from typing import Any, Literal
 
@@ -131,6 +132,7 @@ def state_space(plant: AxisPlant) -> Any:
     )
 
 
+@lru_cache(maxsize=64)
 def discrete(plant: AxisPlant, period_s: float) -> Any:
     """``state_space`` sampled at the control rate; a command is held for one cycle. The seam's own cycle of latency is a block of the loop."""
     return ct.c2d(state_space(plant), period_s, "zoh", copy_names=True)
