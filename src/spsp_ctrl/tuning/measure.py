@@ -30,7 +30,7 @@ START_S = 1.0
 FADE_S = 1.0
 """The injection grows over this time: a jump would run into the limit of rod acceleration."""
 SETTLE_PERIODS, JUDGED_PERIODS = 1, 1
-RMS: dict[Break, float] = {"current": 2e-2, "imu": 5e-6, "resolver": 3e-3}
+RMS: dict[Break, float] = {"current": 5e-3, "imu": 5e-6, "resolver": 3e-3}
 """Size of the injection (A, rad, rad): small enough that no limit acts, large against the resolver's counts."""
 
 
