@@ -22,8 +22,8 @@ COLUMNS = ("law", "closed on", "axis", "broken at", "Kt x", "J x", "crossover Hz
 
 @click.command(epilog="Example: python tools/design_gains.py --config config/rig.yaml --write gains.yaml")
 @click.option("--config", "-c", default="config/rig.yaml", show_default=True, type=click.Path(path_type=Path), help="Rig file.")
-@click.option("--model", type=click.Path(path_type=Path), help="Plant model; default: the one that the rig file names.")
-@click.option("--spec", "specs", multiple=True, metavar="KEY=VALUE", help="Change one number of the specification. May be repeated; --spec list shows them.")
+@click.option("--model", type=click.Path(path_type=Path), help="Plant model; default: that of the rig file.")
+@click.option("--spec", "specs", multiple=True, metavar="KEY=VALUE", help="Change a number of the specification (repeatable); `--spec list`.")
 @click.option("--measure", is_flag=True, help="Also measure each loop on the running code with the gains of the rig file.")
 @click.option("--check", is_flag=True, help="Exit with 1 unless the rig file has the designed gains.")
 @click.option("--write", type=click.Path(path_type=Path), metavar="FRAGMENT", help="Write the gains as YAML to a new file.")
@@ -58,7 +58,8 @@ def main(
     if as_json:
         out = result.as_dict() | {"shortfalls": short, "differences": other}
         if measured:
-            out["measured"] = [{"law": law, "kind": kind, "axis": axis, "at": at, "margins": m.as_dict(), "leak": leak} for law, kind, axis, at, m, leak in measured]
+            keys = ("law", "kind", "axis", "at", "margins", "leak")
+            out["measured"] = [dict(zip(keys, (*row[:4], row[4].as_dict(), row[5]), strict=True)) for row in measured]
         click.echo(json.dumps(out, indent=2, allow_nan=False))
     else:
         _print(result, measured)
@@ -70,7 +71,8 @@ def main(
     if short:
         raise SystemExit(EXIT_ROW_FAILED)
     if write is not None:
-        write.write_text(f"# Designed by tools/design_gains.py on {plant.file.name}; to be merged into a rig file.\n" + _yaml(result.control), encoding="utf-8")
+        head = f"# Designed by tools/design_gains.py on the model {plant.file.name!r}; to be merged into a rig file.\n"
+        write.write_text(head + _yaml(result.control), encoding="utf-8")
     if check and other:
         raise SystemExit(EXIT_ROW_FAILED)
 
@@ -168,7 +170,8 @@ def _print(result: Design, measured: list[tuple[str, str, str, str, Margins, flo
         for law, kind, axis, at, m, _ in measured:
             table.add_row(law, "IMU" if kind == "inertial" else "resolvers", axis, at, *_cells(m))
         console.print(table)
-    table = Table("law", *(f"{f:g} Hz" for f in ISOLATION_HZ), title="Isolation: platform angle over base angle, dB", box=MARKDOWN, title_justify="left")
+    title = "Isolation: platform angle over base angle, dB"
+    table = Table("law", *(f"{f:g} Hz" for f in ISOLATION_HZ), title=title, box=MARKDOWN, title_justify="left")
     for law, db in result.isolation_db.items():
         table.add_row(law, *(f"{v:.1f}" for v in db))
     console.print(table)

@@ -1,8 +1,9 @@
 """The blocks of one axis's loops as discrete state spaces at the control rate, with named signals, and their connection.
 
 What runs at the rate of the IMU sits between samplers and holds. A sampler here is a gain: ``n`` in the cycle that sees a frame and 0 in the
-``n - 1`` others, which with ``1/n`` in the hold is the law exactly; the loop is then periodic, and ``tuning.loops`` treats it so. A gain of 1 throughout
-is its time-invariant approximation: sampler and hold as ``1/n (1 + z^-1 + ... + z^-(n-1))``, the images at multiples of the IMU rate left out.
+``n - 1`` others, which with ``1/n`` in the hold is the law exactly; the loop is then periodic, and ``tuning.loops`` treats it so. A gain of 1
+throughout is its time-invariant approximation: sampler and hold as ``1/n (1 + z^-1 + ... + z^-(n-1))``, without the images at multiples of the
+IMU rate.
 
 Each block mirrors one function of ``spsp_ctrl.control``; nothing else in the project may rely on these copies.
 """
@@ -10,6 +11,7 @@ Each block mirrors one function of ``spsp_ctrl.control``; nothing else in the pr
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import control as ct
@@ -33,7 +35,7 @@ def gain(matrix: Any, period_s: float, inputs: Sequence[str], outputs: Sequence[
     return ct.ss(np.zeros((0, 0)), np.zeros((0, d.shape[1])), np.zeros((d.shape[0], 0)), d, period_s, inputs=list(inputs), outputs=list(outputs))
 
 
-def fir(taps: Sequence[float], period_s: float, source: str, output: str) -> Any:
+def fir(taps: Sequence[float] | Matrix, period_s: float, source: str, output: str) -> Any:
     """Weighted sum of the last values: ``taps[0]`` is for the present one."""
     n = len(taps) - 1
     if n == 0:
@@ -46,16 +48,17 @@ def delay(cycles: int, period_s: float, source: str, output: str) -> Any:
     return fir([0.0] * cycles + [1.0], period_s, source, output)
 
 
+@lru_cache(maxsize=64)
 def imu(plant: AxisPlant, period_s: float) -> Any:
-    """Lags of the IMU: ``angle`` (of the platform in space) to ``attitude_now`` and ``gyro_now``.
+    """Lags of the IMU: ``angle`` and ``rate`` of the platform in space to ``attitude_now`` and ``gyro_now``.
 
     Sampled for inputs that are straight between the cycles, as ``plant.stages.sensors.lag_step``.
     """
-    attitude = ct.c2d(ct.ss(ct.tf([1.0], [max(plant.attitude_lag_s, 1e-6), 1.0])), period_s, "foh")
-    gyro = ct.c2d(ct.ss(ct.tf([1.0, 0.0], [max(plant.gyro_lag_s, 1e-6), 1.0])), period_s, "foh")
+    attitude, gyro = (
+        ct.c2d(ct.ss(ct.tf([1.0], [max(lag, 1e-6), 1.0])), period_s, "foh") for lag in (plant.attitude_lag_s, plant.gyro_lag_s)
+    )
     both = ct.append(attitude, gyro)
-    spread = np.ones((2, 1))
-    return block(both.A, both.B @ spread, both.C, both.D @ spread, period_s, ["angle"], ["attitude_now", "gyro_now"])
+    return block(both.A, both.B, both.C, both.D, period_s, ["angle", "rate"], ["attitude_now", "gyro_now"])
 
 
 def observer(p: LawParams, axis: AxisParams) -> Any:

@@ -31,6 +31,7 @@ from spsp_ctrl.tuning import kalman
 from spsp_ctrl.tuning.loops import ISOLATION_HZ, AxisLoops, Break, Kind, Margins, UnstableLoopError
 from spsp_ctrl.tuning.plant_model import Axis, AxisPlant, axis_plant
 
+Progress = Callable[[int, int], None]
 Law = Literal["cascade", "stabiliser"]
 LAWS: tuple[Law, ...] = ("cascade", "stabiliser")
 AXES: tuple[Axis, ...] = ("pitch", "roll")
@@ -152,7 +153,11 @@ def corners(plant: AxisPlant, by: float) -> list[tuple[float, float, AxisPlant]]
     return [(k, j, plant.scaled(k, j)) for k, j in product((1.0 - by, 1.0 + by), repeat=2)]
 
 
-def design(config: RigConfig, model: PlantModel, spec: DesignSpec | None = None, progress: Callable[[int, int], None] = lambda done, total: None) -> Design:
+def _silent(done: int, total: int) -> None:
+    """No progress bar."""
+
+
+def design(config: RigConfig, model: PlantModel, spec: DesignSpec | None = None, progress: Progress = _silent) -> Design:
     """Design every gain of ``control:`` but the heading's for the rig in ``config`` on the plant in ``model``.
 
     Raises ``ValueError`` where the specification cannot be met (a gain would be negative, no margin is left for the feed-forward).
@@ -163,7 +168,7 @@ def design(config: RigConfig, model: PlantModel, spec: DesignSpec | None = None,
     base = params["cascade"]
     noise = kalman.motor_noise(model, spec.reversals_s)
     l_angle, l_speed, l_disturbance = (rounded(k) for k in kalman.steady_gain(kalman.motor_filter(noise, base.period_s)))
-    inner = {"l_angle": l_angle, "l_speed": l_speed, "l_disturbance": l_disturbance}
+    inner: dict[str, Any] = {"l_angle": l_angle, "l_speed": l_speed, "l_disturbance": l_disturbance}
     inner |= speed_gains(base._replace(**inner), plant, spec)
     inner["rod_kp"] = rod_gain(base._replace(**inner), plant, spec)
 
@@ -209,7 +214,7 @@ def _two_gains(x: complex, y: complex, phase_deg: float, what: str) -> tuple[flo
     return float(a), float(b)
 
 
-def speed_gains(p: LawParams, plant: AxisPlant, spec: DesignSpec) -> dict[str, float]:
+def speed_gains(p: LawParams, plant: AxisPlant, spec: DesignSpec) -> dict[str, Any]:
     """Step 2."""
     f = np.array([spec.speed_crossover_hz])
     per_gain = []
@@ -227,7 +232,7 @@ def rod_gain(p: LawParams, plant: AxisPlant, spec: DesignSpec) -> float:
     return rounded(1.0 / abs(loops.transfer("motor_est", "motor_est", np.array([spec.rod_crossover_hz]), cut=("motor_est",))[0]))
 
 
-def attitude_gains(p: LawParams, plant: AxisPlant, crossover_hz: float, phase_deg: float) -> dict[str, float]:
+def attitude_gains(p: LawParams, plant: AxisPlant, crossover_hz: float, phase_deg: float) -> dict[str, Any]:
     """Step 4: the loop is a sum of a part by kp and a part by ki."""
     td = rounded(plant.attitude_lag_s + 0.5 * plant.imu_period_s)
     f = np.array([crossover_hz])
@@ -240,13 +245,14 @@ def attitude_gains(p: LawParams, plant: AxisPlant, crossover_hz: float, phase_de
 
 
 def base_gains(
-    p: LawParams, plants: Sequence[AxisPlant], spec: DesignSpec, seen_rad_s: float, progress: Callable[[int, int], None]
+    p: LawParams, plants: Sequence[AxisPlant], spec: DesignSpec, seen_rad_s: float, progress: Progress = _silent
 ) -> tuple[LawParams, float]:
     """Step 5; also returns the density of the white acceleration that was found."""
     steps = 8
     plant = plants[-1]
     # the two corners with the largest and the smallest motor gain: the others have about that of the nominal plant
-    cases = [(axis.scaled(*k), spec.disk_corner) for axis in plants for k in ((1.0 + spec.corner, 1.0 - spec.corner), (1.0 - spec.corner, 1.0 + spec.corner))]
+    more, less = 1.0 + spec.corner, 1.0 - spec.corner
+    cases = [(axis.scaled(*k), spec.disk_corner) for axis in plants for k in ((more, less), (less, more))]
     cases += [(axis, spec.disk_nominal) for axis in plants]
     low, high = -8.0, -4.0
     best: tuple[LawParams, float] | None = None
@@ -279,7 +285,7 @@ def best_lead(p: LawParams, plant: AxisPlant, f_hz: float) -> float:
 
 def loop_rows(law: Law, p: LawParams, model: PlantModel, spec: DesignSpec) -> list[LoopRow]:
     """Margins of every loop of both axes, with the nominal plant and in the corners."""
-    rows = []
+    rows: list[LoopRow] = []
     # closed on the resolvers both laws are one
     kinds: tuple[Kind, ...] = ("inertial", "joint") if law == "cascade" else ("inertial",)
     for axis in AXES:

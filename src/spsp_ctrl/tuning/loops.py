@@ -28,8 +28,8 @@ Kind = Literal["inertial", "joint"]
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-SIGNALS: dict[Break, str] = {"current": "command", "imu": "angle", "resolver": "motor"}
-"""The signal of ``tuning.blocks`` that is cut."""
+SIGNALS: dict[Break, str] = {"current": "command", "resolver": "motor"}
+"""The signal of ``tuning.blocks`` that is cut. The IMU's are two: ``angle`` and ``rate``."""
 ISOLATION_HZ = (0.125, 0.25, 0.5, 1.0, 2.0, 3.0, 5.0)
 
 
@@ -109,11 +109,14 @@ class AxisLoops:
         self.axis, self.kind, self.period_s = axis, kind, law.period_s
         self.every = plant.imu_every(law.period_s) if kind == "inertial" else 1
         self._wait, self._imu = plant.imu_delay_cycles(law.period_s), blocks.imu(plant, law.period_s)
-        self._make = lambda sampler: _network(law, plant, axis, kind, feedforward, sampler)
+        self._law, self._plant, self._feedforward = law, plant, feedforward
 
     def breaks(self) -> tuple[Break, ...]:
         """Where this loop can be broken."""
         return ("current", "imu", "resolver") if self.kind == "inertial" else ("current", "resolver")
+
+    def _make(self, sampler: float) -> list[Any]:
+        return _network(self._law, self._plant, self.axis, self.kind, self._feedforward, sampler)
 
     def _phases(self, cut: Sequence[str] = ()) -> list[Any]:
         """The system of the cycle that sees a frame, then of those that do not."""
@@ -135,19 +138,20 @@ class AxisLoops:
 
         From the closed loop, as they are measured: ``L = -G / (1 + G)`` with G from an injection to what comes back.
         """
-        names = [SIGNALS[at] for at in self.breaks()]
+        names = list(SIGNALS.values())
         phases = self._phases()
         g = _steady(phases, f_hz, names, names)
         found: dict[Break, Complex] = {}
-        for k, at in enumerate(self.breaks()):
+        for k, at in enumerate(SIGNALS):
             back = g[:, k, k]
             found[at] = -back / (1.0 + back)
-        if "imu" in found:
+        if self.kind == "inertial":
             # this loop exists at the instants of the frames alone: what was injected over what a frame then holds is 1 + L
             frame = -self._wait % self.every
-            seen = _steady(phases, f_hz, ["angle"], ["attitude_now"], at_phase=frame)[:, 0, 0]
-            lag = self._imu(np.exp(2j * np.pi * np.asarray(f_hz) * self.period_s))[0, 0]
-            found["imu"] = np.asarray(lag / seen - 1.0, dtype=complex)
+            omega = 2.0 * np.pi * np.asarray(f_hz, dtype=float)
+            seen = _steady(phases, f_hz, ["angle", "rate"], ["attitude_now"], at_phase=frame)[:, 0]
+            lag = self._imu(np.exp(1j * omega * self.period_s))[0, 0]
+            found["imu"] = np.asarray(lag / (seen[:, 0] + 1j * omega * seen[:, 1]) - 1.0, dtype=complex)
         return found
 
     def all_margins(self) -> dict[Break, Margins]:
@@ -180,7 +184,8 @@ class AxisLoops:
         return np.asarray(_steady(self._phases(cut), f_hz, [source], [output])[:, 0, 0], dtype=complex)
 
     def time_invariant(self, at: Break) -> Any:
-        """The open loop without the images of the IMU's sampling, as a ``control.StateSpace`` for the tools of that library."""
+        """The open loop without the images of the IMU's sampling, as a ``control.StateSpace`` for the tools of that library (not at the
+        IMU, where two signals are one)."""
         name = SIGNALS[at]
         whole = blocks.connect(self._make(1.0), cut=(name,))
         return -whole[whole.output_labels.index(name), whole.input_labels.index(name)]
@@ -199,8 +204,8 @@ def _steady(
 ) -> Complex:
     """Response (frequency, output, input) of a periodic system at the frequency of its input; with ``at_phase``, of the output sampled there alone.
 
-    With input ``exp(j w k T)`` the state is ``X_k exp(j w k T)``, ``X`` with the period of the system (the exponentially modulated periodic signals of
-    Wereley, 1990, ch. 3, in discrete time): solve for ``X_0`` over one period, then average the outputs over the phases.
+    With input ``exp(j w k T)`` the state is ``X_k exp(j w k T)``, ``X`` with the period of the system (exponentially modulated periodic signals:
+    Wereley, 1990, ch. 3, in discrete time). Solve for ``X_0`` over one period, then average the outputs over the phases.
     """
     z = np.exp(2j * np.pi * np.asarray(f_hz, dtype=float) * phases[0].dt)[:, None, None]
     columns = [phases[0].input_labels.index(name) for name in sources]
@@ -215,7 +220,7 @@ def _steady(
         if at_phase is None or k == at_phase:
             y += phase.C[rows] @ x + phase.D[np.ix_(rows, columns)]
         x = (phase.A @ x + phase.B[:, columns]) / z
-    return y / (len(phases) if at_phase is None else 1)
+    return np.asarray(y / (len(phases) if at_phase is None else 1), dtype=complex)
 
 
 def _network(p: LawParams, plant: AxisPlant, axis: Axis, kind: Kind, feedforward: bool, sampler: float) -> list[Any]:

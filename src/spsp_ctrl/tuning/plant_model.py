@@ -100,7 +100,7 @@ def state_space(plant: AxisPlant) -> Any:
     """Continuous state space: current, motor angle and speed, platform angle in space and its rate.
 
     Inputs ``acting`` (current that the drive follows, A), ``base`` and ``base_rate`` (angle of the base, rad, and its rate); outputs ``motor`` (motor
-    angle, rad), ``current`` (A), ``angle`` (platform angle in space, rad). Kinetics as in ``plant.stages.drive`` and ``.mechanism``.
+    angle, rad), ``current`` (A), ``angle`` (platform angle in space, rad) and its ``rate``. Kinetics as in ``plant.stages.drive`` and ``.mechanism``.
     """
     g, lever = plant.travel_per_rad_m, plant.lever_m
     k, c = plant.stiffness_n_m, plant.damping_n_s_m
@@ -119,23 +119,30 @@ def state_space(plant: AxisPlant) -> Any:
     rows[4, 3] += plant.weight_nm / jp
     rows[4, 4] -= plant.hinge_viscous_nm_s / jp
     rows[4, 7] += plant.hinge_viscous_nm_s / jp
-    seen = np.zeros((3, 5))
-    seen[0, 1] = seen[1, 0] = seen[2, 3] = 1.0
+    seen = np.zeros((4, 5))
+    seen[0, 1] = seen[1, 0] = seen[2, 3] = seen[3, 4] = 1.0
     return ct.ss(
         rows[:, :5],
         rows[:, 5:],
         seen,
-        np.zeros((3, 3)),
+        np.zeros((4, 3)),
         inputs=["acting", "base", "base_rate"],
-        outputs=["motor", "current", "angle"],
+        outputs=["motor", "current", "angle", "rate"],
         name="plant",
     )
 
 
 @lru_cache(maxsize=64)
 def discrete(plant: AxisPlant, period_s: float) -> Any:
-    """``state_space`` sampled at the control rate; a command is held for one cycle. The seam's own cycle of latency is a block of the loop."""
-    return ct.c2d(state_space(plant), period_s, "zoh", copy_names=True)
+    """``state_space`` sampled at the control rate: a command is held for one cycle, the base moves on a straight line through it.
+
+    The seam's own cycle of latency is a block of the loop.
+    """
+    continuous = state_space(plant)
+    held, straight = (ct.c2d(continuous, period_s, method) for method in ("zoh", "foh"))
+    b, d = straight.B.copy(), straight.D.copy()
+    b[:, 0], d[:, 0] = held.B[:, 0], held.D[:, 0]
+    return ct.ss(held.A, b, held.C, d, period_s, inputs=continuous.input_labels, outputs=continuous.output_labels)
 
 
 def smooth(model: PlantModel) -> PlantModel:
