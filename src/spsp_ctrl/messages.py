@@ -64,14 +64,22 @@ class ImuSample(NamedTuple):
 
     stamp_ns: int
     received_ns: int
+    """When the frame arrived, on the control clock."""
     seq: int
     valid: bool
+    """The unit's own validity flag."""
     roll_rad: float
+    """Roll of the IMU, right-handed about its x axis (the opposite sign of ``platform_roll_rad``)."""
     pitch_rad: float
+    """Pitch of the IMU."""
     yaw_rad: float
+    """Heading of the IMU."""
     gyro_x_rad_s: float
+    """Angular velocity about the IMU's x axis."""
     gyro_y_rad_s: float
+    """The same about y."""
     gyro_z_rad_s: float
+    """The same about z."""
 
 
 class ResolverSample(NamedTuple):
@@ -80,7 +88,9 @@ class ResolverSample(NamedTuple):
     stamp_ns: int
     seq: int
     counts: int
+    """Position of the motor shaft, multi-turn."""
     status: int
+    """Fault bits of the converter, see ``ResolverStatus``; 0 is good."""
 
 
 class DriveSample(NamedTuple):
@@ -89,9 +99,13 @@ class DriveSample(NamedTuple):
     stamp_ns: int
     seq: int
     enabled: bool
+    """The power stage is on."""
     fault_code: int
+    """Error code of the drive, 0 for none."""
     current_a: float
+    """Measured motor current."""
     bus_voltage_v: float
+    """Supply voltage at the drive."""
 
 
 class AzimuthSample(NamedTuple):
@@ -100,11 +114,17 @@ class AzimuthSample(NamedTuple):
     stamp_ns: int
     seq: int
     enabled: bool
+    """The stepper is powered."""
     microsteps: int
+    """Position counted by the stepper driver."""
     rate_microsteps_s: float
+    """Rate that the driver is generating."""
     left_switch: bool
+    """Travel switch at the positive end."""
     right_switch: bool
+    """Travel switch at the negative end."""
     home_switch: bool
+    """Photoelectric zero."""
 
 
 class TemperatureSample(NamedTuple):
@@ -113,9 +133,13 @@ class TemperatureSample(NamedTuple):
     stamp_ns: int
     seq: int
     screw_pitch_c: float
+    """Screw of the pitch leg."""
     screw_roll_c: float
+    """Screw of the roll leg."""
     column_c: float
+    """Column."""
     frame_c: float
+    """Base and moving plate."""
 
 
 class BaseSample(NamedTuple):
@@ -124,8 +148,11 @@ class BaseSample(NamedTuple):
     stamp_ns: int
     seq: int
     pitch_rad: float
+    """Pitch axis of the swing table."""
     roll_rad: float
+    """Its roll axis."""
     yaw_rad: float
+    """Its yaw axis."""
 
 
 class Measurement(NamedTuple):
@@ -134,13 +161,21 @@ class Measurement(NamedTuple):
     stamp_ns: int
     cycle: int
     imu: ImuSample
+    """Newest IMU frame."""
     resolver_pitch: ResolverSample
+    """Resolver of the pitch leg."""
     resolver_roll: ResolverSample
+    """Resolver of the roll leg."""
     drive_pitch: DriveSample
+    """Drive of the pitch leg."""
     drive_roll: DriveSample
+    """Drive of the roll leg."""
     azimuth: AzimuthSample
+    """Azimuth stepper."""
     temperature: TemperatureSample
+    """Temperatures."""
     base: BaseSample
+    """Swing-table encoders."""
 
 
 class Estimate(NamedTuple):
@@ -149,23 +184,39 @@ class Estimate(NamedTuple):
     platform_pitch_rad: float
     """Attitude by the newest IMU frame, or dead-reckoned from it while coasting."""
     platform_roll_rad: float
+    """The same for roll."""
     heading_rad: float
+    """Heading of the platform, likewise."""
     platform_pitch_rate_rad_s: float
+    """Rate of the platform in space."""
     platform_roll_rate_rad_s: float
+    """The same for roll."""
     attitude_dt_s: float
     """Time since the previous attitude when this cycle brings a new one, else 0."""
     joint_pitch_rad: float
+    """Pitch joint, from the rods."""
     joint_roll_rad: float
+    """Roll joint, from the rods."""
     azimuth_rad: float
+    """Azimuth joint, from the microsteps."""
     joint_pitch_rate_rad_s: float
+    """Rate of the pitch joint."""
     joint_roll_rate_rad_s: float
+    """Rate of the roll joint."""
     azimuth_rate_rad_s: float
+    """Rate of the azimuth joint."""
     rod_pitch_m: float
     """Travel of the pitch leg from level, load side (after backlash and thermal compensation)."""
     rod_roll_m: float
+    """The same for the roll leg."""
+    screw_pitch_m: float
+    """Travel of the nut from level: the rod and what gap and wind-up hold back of it."""
+    screw_roll_m: float
+    """The same for the roll leg."""
     thermal_pitch_m: float
     """Elongation of the rod by Eq (13), as the compensation believes it."""
     thermal_roll_m: float
+    """The same for the roll leg."""
     lever_pitch_m_rad: float
     """Rod travel per angle: d l1 / d pitch."""
     lever_cross_m_rad: float
@@ -173,61 +224,106 @@ class Estimate(NamedTuple):
     lever_roll_m_rad: float
     """d l2 / d roll."""
     motor_pitch_rate_rad_s: float
+    """Motor speed of the pitch leg, from the observer."""
     motor_roll_rate_rad_s: float
-    base_rate_x_rad_s: float
-    """Angular velocity that the base gives the platform, platform axes, predicted to now."""
-    base_rate_y_rad_s: float
-    base_rate_z_rad_s: float
-    base_accel_x_rad_s2: float
-    base_accel_y_rad_s2: float
+    """The same for the roll leg."""
+    motor_pitch_disturbance_rad_s2: float
+    """Acceleration of the motor that its current does not explain: friction, load, a wrong motor constant."""
+    motor_roll_disturbance_rad_s2: float
+    """The same for the roll leg."""
+    base_pitch_rad: float
+    """Tilt of the base, predicted to now (with everything that the kinematics does not know)."""
+    base_roll_rad: float
+    """The same in roll."""
+    base_pitch_rate_rad_s: float
+    """Euler rate of the base, predicted to when the command of this cycle acts."""
+    base_roll_rate_rad_s: float
+    """The same in roll."""
+    base_yaw_rate_rad_s: float
+    """The same in yaw."""
+    base_pitch_accel_rad_s2: float
+    """Its acceleration in pitch."""
+    base_roll_accel_rad_s2: float
+    """The same in roll."""
     imu_age_s: float
+    """Age of the newest IMU frame."""
     coasting: bool
+    """The IMU is silent; the attitude is dead-reckoned."""
 
 
 class Reference(NamedTuple):
     """What the platform shall do now."""
 
     kind: int
+    """See ``ReferenceKind``."""
     pitch_rad: float
+    """Demanded pitch."""
     roll_rad: float
+    """Demanded roll."""
     heading_rad: float
+    """Demanded heading."""
     pitch_rate_rad_s: float
+    """Its rate."""
     roll_rate_rad_s: float
+    """Its rate."""
     heading_rate_rad_s: float
+    """Its rate."""
 
 
 class AxisTerms(NamedTuple):
     """Every term of one actuator's cascade in one cycle."""
 
     error_rad: float
+    """Reference minus measured angle."""
     p_rad_s: float
+    """Proportional term of the attitude loop."""
     i_rad_s: float
+    """Its integral term."""
     d_rad_s: float
+    """Its derivative term."""
     ff_rad_s: float
+    """Feed-forward: the joint rate that base motion and reference ask for."""
     rod_speed_ref_m_s: float
+    """Rod speed demanded, after the limits."""
     motor_speed_ref_rad_s: float
+    """Motor speed demanded, with the backlash take-up."""
     speed_error_rad_s: float
+    """Motor speed demanded minus estimated."""
     speed_p_a: float
+    """Proportional term of the speed loop."""
     speed_i_a: float
+    """Its integral term."""
     accel_ff_a: float
+    """Feed-forward of the acceleration."""
     friction_ff_a: float
+    """Feed-forward of the motor friction."""
     u_unlimited_a: float
+    """Sum of the terms."""
     u_a: float
+    """The same after the current limit."""
     backlash_m: float
     """Screw travel taken up by the gap, as the compensation believes it."""
     limited: int
+    """Which limits acted, see ``Limited``."""
 
 
 class AzimuthTerms(NamedTuple):
     """Every term of the azimuth law in one cycle."""
 
     error_rad: float
+    """Reference minus measured heading (or azimuth)."""
     p_rad_s: float
+    """Proportional term."""
     i_rad_s: float
+    """Integral term."""
     ff_rad_s: float
+    """Feed-forward."""
     rate_unlimited_rad_s: float
+    """Sum of the terms."""
     rate_rad_s: float
+    """The same after the limits."""
     limited: int
+    """Which limits acted, see ``Limited``."""
 
 
 class Command(NamedTuple):
@@ -236,11 +332,17 @@ class Command(NamedTuple):
     stamp_ns: int
     seq: int
     enable: bool
+    """Power stages on."""
     pitch_current_a: float
+    """Current (torque mode) or its feed-forward (velocity mode), pitch leg."""
     pitch_speed_rad_s: float
+    """Motor speed, pitch leg."""
     roll_current_a: float
+    """The same as for the pitch leg."""
     roll_speed_rad_s: float
+    """The same as for the pitch leg."""
     azimuth_rate_rad_s: float
+    """Rate of the azimuth joint."""
 
 
 class Control(NamedTuple):
@@ -249,13 +351,23 @@ class Control(NamedTuple):
     stamp_ns: int
     cycle: int
     mode: int
+    """Mode of the supervisor, see ``Mode``."""
     fault: int
     """Number of the first fault (``safety.faults``), 0 for none."""
+    law_step: int
+    """How many plainer laws have taken over: 0 is the configured one."""
+    law_reason: int
+    """Why the last of them did (``control.watch.Reason``)."""
     estimate: Estimate
+    """What the estimator makes of the measurement."""
     reference: Reference
+    """What the platform shall do."""
     pitch: AxisTerms
+    """Terms of the pitch leg."""
     roll: AxisTerms
+    """Terms of the roll leg."""
     azimuth: AzimuthTerms
+    """Terms of the azimuth."""
     command: Command
     """What was really sent."""
 
@@ -266,12 +378,19 @@ class Timing(NamedTuple):
     stamp_ns: int
     cycle: int
     lateness_ns: int
+    """Begin of the cycle after its SYNC."""
     skipped: int
+    """Cycles left out before this one."""
     read_ns: int
+    """Time taken to read the rig."""
     control_ns: int
+    """Time taken by judge, estimate and law."""
     write_ns: int
+    """Time taken to hand over the command."""
     record_ns: int
+    """Hand-over to the recorder in the previous cycle."""
     compute_ns: int
+    """From the start of the cycle until its command was written."""
 
 
 class Truth(NamedTuple):
@@ -280,32 +399,55 @@ class Truth(NamedTuple):
     stamp_ns: int
     cycle: int
     platform_pitch_rad: float
+    """True attitude in space."""
     platform_roll_rad: float
+    """True attitude in space."""
     heading_rad: float
+    """True heading."""
     joint_pitch_rad: float
+    """True pitch joint."""
     joint_roll_rad: float
+    """True roll joint."""
     azimuth_rad: float
+    """True azimuth joint."""
     joint_pitch_rate_rad_s: float
+    """Its rate."""
     joint_roll_rate_rad_s: float
+    """Its rate."""
     azimuth_rate_rad_s: float
+    """Its rate."""
     rod_pitch_m: float
     """True rod travel from level."""
     rod_roll_m: float
+    """The same for the roll leg."""
     screw_pitch_m: float
     """Free travel of the nut: what the rod would do with no gap and no load."""
     screw_roll_m: float
+    """The same for the roll leg."""
     rod_force_pitch_n: float
+    """Force in the pitch rod."""
     rod_force_roll_n: float
+    """Force in the roll rod."""
     motor_pitch_rate_rad_s: float
+    """True motor speed."""
     motor_roll_rate_rad_s: float
+    """True motor speed."""
     current_pitch_a: float
+    """True motor current."""
     current_roll_a: float
+    """True motor current."""
     base_pitch_rad: float
+    """True swing-table axis."""
     base_roll_rad: float
+    """True swing-table axis."""
     base_yaw_rad: float
+    """True swing-table axis."""
     screw_pitch_c: float
+    """True screw temperature."""
     screw_roll_c: float
+    """True screw temperature."""
     lost_steps: float
+    """Full steps that the stepper has lost."""
     end_stop: float
     """Bits: 1 pitch leg, 2 roll leg, 4 azimuth on a hard stop."""
 
@@ -317,7 +459,9 @@ class OperatorRequest(NamedTuple):
     verb: str
     """``arm``, ``disarm``, ``stop``, ``reset``, ``heading``."""
     value: float
+    """Heading in rad for ``heading``, else 0."""
     source: str
+    """Who asked: ``screen``, ``completed`` (end of the scenario), ``interrupted`` (Ctrl-C)."""
 
 
 NO_IMU = ImuSample(0, 0, -1, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

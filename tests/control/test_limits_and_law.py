@@ -8,31 +8,34 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spsp_ctrl.config.loader import load_rig
+from spsp_ctrl.config.loader import apply_overrides, load_rig
 from spsp_ctrl.control import backlash, law
-from spsp_ctrl.control.backlash import GapState
 from spsp_ctrl.control.law import Gate
 from spsp_ctrl.control.limits import limit_rate
 from spsp_ctrl.control.params import LawParams, law_params
+from spsp_ctrl.mechanism.frames import euler_from_rotation, joint_rotation, roll_from_imu, transpose
 from spsp_ctrl.mechanism.kinematics import jacobian, rod_lengths
 from spsp_ctrl.messages import Estimate, Limited, Reference
 
-CONFIG = load_rig(Path(__file__).parents[2] / "config" / "rig.yaml").model
-P = law_params(CONFIG)
+RIG = load_rig(Path(__file__).parents[2] / "config" / "rig.yaml")
+P = law_params(RIG.model)
+CASCADE = law_params(apply_overrides(RIG, ["control.law=cascade"]).model)
 DT = 1e-3
 angles = st.floats(-0.3, 0.3)
 rates = st.floats(-1.0, 1.0)
 
 
 def estimate(p: LawParams, pitch: float = 0.0, roll: float = 0.0, **other: float) -> Estimate:
-    l1, l2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.radius_m)
-    j = jacobian(pitch, roll, l1, l2, p.height_m, p.radius_m, p.radius_m)
+    l1, l2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.static_radius_m)
+    j = jacobian(pitch, roll, l1, l2, p.height_m, p.radius_m, p.static_radius_m)
     values: dict[str, float] = dict.fromkeys(Estimate._fields, 0.0)
     values |= {
         "joint_pitch_rad": pitch,
         "joint_roll_rad": roll,
         "rod_pitch_m": l1 - p.level_m,
         "rod_roll_m": l2 - p.level_m,
+        "screw_pitch_m": l1 - p.level_m,
+        "screw_roll_m": l2 - p.level_m,
         "lever_pitch_m_rad": j[0],
         "lever_cross_m_rad": j[1],
         "lever_roll_m_rad": j[2],
@@ -84,9 +87,10 @@ def test_output_is_finite_bounded_and_a_function_of_its_arguments(
         pitch,
         roll,
         platform_pitch_rad=tilt,
-        base_rate_x_rad_s=wx,
-        base_rate_y_rad_s=wy,
-        base_rate_z_rad_s=wz,
+        base_pitch_rad=tilt,
+        base_pitch_rate_rad_s=wx,
+        base_roll_rate_rad_s=wy,
+        base_yaw_rate_rad_s=wz,
         motor_pitch_rate_rad_s=motor,
     )
     state = law.START
@@ -108,21 +112,22 @@ def test_output_is_finite_bounded_and_a_function_of_its_arguments(
 
 def test_arming_does_not_jump() -> None:
     """Whatever happened while disarmed, the first currents after arming come from the present error only."""
-    e = estimate(P, 0.15, -0.15, motor_pitch_rate_rad_s=80.0, base_rate_y_rad_s=0.3, heading_rad=0.5)
+    e = estimate(P, 0.15, -0.15, motor_pitch_rate_rad_s=80.0, base_pitch_rate_rad_s=0.3, heading_rad=0.5)
     state = law.START
     for _ in range(2000):
         _, state = law.step(state, P, e, LEVEL, DT, Gate.OFF)
     assert state.attitude_pitch == law.START.attitude_pitch
     assert state.axis_pitch == law.START.axis_pitch
     assert state.heading_integral == 0.0
-    settled = estimate(P, 0.1, -0.1)
+    _, base_pitch, imu_roll = euler_from_rotation(transpose(joint_rotation(0.1, -0.1)))
+    settled = estimate(P, 0.1, -0.1, base_pitch_rad=base_pitch, base_roll_rad=roll_from_imu(imu_roll))
     out, _ = law.step(state, P, settled, LEVEL, DT, Gate.ALIGN)
     assert abs(out.pitch.u_a) < 0.05
     assert abs(out.pitch.rod_speed_ref_m_s) < 1e-4
 
 
 def test_stop_brakes_at_the_acceleration_limit_and_ends_at_zero() -> None:
-    state = law.START._replace(axis_pitch=law.AxisState(0.05, 0.0, 0))
+    state = law.START._replace(axis_pitch=law.START.axis_pitch._replace(rod_speed=0.05))
     speeds = []
     for _ in range(200):
         out, state = law.step(state, P, estimate(P), LEVEL, DT, Gate.STOP)
@@ -134,10 +139,10 @@ def test_stop_brakes_at_the_acceleration_limit_and_ends_at_zero() -> None:
 
 def test_integrator_does_not_wind_up_in_a_limit() -> None:
     """Held off by a travel limit for a long time, the attitude integral stays where it was."""
-    end = estimate(P, -0.349, 0.0, platform_pitch_rad=0.1)
+    end = estimate(CASCADE, -0.349, 0.0, platform_pitch_rad=0.1)
     state = law.START
     for _ in range(3000):
-        out, state = law.step(state, P, end, LEVEL._replace(pitch_rad=0.09), DT, Gate.ACTIVE)
+        out, state = law.step(state, CASCADE, end, LEVEL._replace(pitch_rad=0.09), DT, Gate.ACTIVE)
     assert out.pitch.limited & Limited.TRAVEL
     assert abs(state.attitude_pitch.integral) < 0.05
 
@@ -146,11 +151,11 @@ def test_integrator_does_not_wind_up_in_a_limit() -> None:
 @settings(deadline=None)
 def test_take_up_is_continuous_and_never_exceeds_gap_and_wind_up(speeds: list[float], gravity: float) -> None:
     assert P.gap is not None
-    state = GapState(0.0, 0.0, 0.0)
+    state = backlash.START
     most = P.gap.half_gap_m + (P.gap.friction_n + abs(gravity)) / P.gap.stiffness_n_m
     for speed in speeds:
         for _ in range(50):
-            after = backlash.step(state, P.gap, speed, gravity, DT)
+            after = backlash.step(state, P.gap, speed, 1.0, gravity, DT)
             assert abs(after.offset_m) <= most * 1.001
             # what the rate says is what the offset does
             assert abs(after.offset_m - state.offset_m) <= most
@@ -161,7 +166,7 @@ def test_take_up_settles_on_the_loaded_flank() -> None:
     assert P.gap is not None
     state = backlash.START
     for _ in range(2000):
-        state = backlash.step(state, P.gap, 0.01, 0.0, DT)
+        state = backlash.step(state, P.gap, 0.01, 1.0, 0.0, DT)
     expected = P.gap.half_gap_m + P.gap.friction_n / P.gap.stiffness_n_m
     assert abs(state.offset_m - expected) < 0.1e-6
     assert abs(state.rate_m_s) < 1e-9

@@ -129,6 +129,35 @@ def test_backlash_compensation_earns_its_place() -> None:
     assert without >= 2.0 * with_it, (without, with_it)
 
 
+def coasting_um(topics: dict[str, NDArray[Any]], scenario: Scenario) -> float:
+    """Change of the roll rod's error (true minus believed) from the start to the last 20 ms of a silence of the IMU, mean over the silences."""
+    control, truth = topics["/control"], topics["/truth"]
+    t = control["stamp_ns"] * 1e-9
+    error = (truth["rod_roll_m"] - control["estimate.rod_roll_m"]) * 1e6
+    changes = []
+    for silence in scenario.dropouts:
+        during = (t >= silence.at_s) & (t < silence.at_s + silence.duration_s)
+        changes.append(abs(error[during][-20:].mean() - error[during][0]))
+    assert len(changes) >= 5
+    return float(np.mean(changes))
+
+
+def test_backlash_compensation_earns_its_place_while_the_imu_is_silent() -> None:
+    """Base roll 10 deg / 4 s, 80 ms of silence at each reversal of the rod: what the controller believes of the rod, with and without."""
+    reversals = [1.0 + 1.0 + 2.0 * k for k in range(3, 9)]
+    scenario = changed(
+        name="coasting",
+        duration_s=19.0,
+        base={"start_s": 1.0, "ramp_s": 2.0, "roll": [{"amplitude_deg": 10.0, "period_s": 4.0}]},
+        dropouts=[{"at_s": t - 0.01, "duration_s": 0.08} for t in reversals],
+        acceptance=[],
+    )
+    with_it = coasting_um(run(scenario=scenario)[1], scenario)
+    without = coasting_um(run("compensation.backlash.enabled=false", scenario=scenario)[1], scenario)
+    assert without > 8.0
+    assert without >= 2.0 * with_it, (without, with_it)
+
+
 def test_thermal_compensation_earns_its_place() -> None:
     """Open loop with screws 20 K warm: mean rod error with and without Eq (13)."""
     warm = OPEN_LOOP.model_copy(

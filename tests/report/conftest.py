@@ -18,7 +18,7 @@ RIG_YAML = """\
 schema: spsp-ctrl/rig/1
 name: Virtual rig
 rate_hz: 1000
-geometry: {column_height_mm: 265.5, moving_radius_mm: 100.0, stroke_min_mm: -34.1, stroke_max_mm: 34.3}
+mechanism: {column_height_mm: 265.5, moving_radius_mm: 100.0, stroke_min_mm: -34.1, stroke_max_mm: 34.3}
 limits: {rod_speed_mm_s: 80.0, rod_accel_mm_s2: 400.0, current_a: 6.0}
 """
 

@@ -36,7 +36,7 @@ RIG = cast(
     SimpleNamespace(
         name="rig",
         rate_hz=1000,
-        geometry=SimpleNamespace(stroke_min_mm=-34.1, stroke_max_mm=34.3, azimuth_limit_deg=160.0),
+        mechanism=SimpleNamespace(stroke_min_mm=-34.1, stroke_max_mm=34.3, azimuth_limit_deg=160.0),
     ),
 )
 SCENARIO = Scenario(schema="spsp-ctrl/scenario/1", name="swing", settle_s=1.0)

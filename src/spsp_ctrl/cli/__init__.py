@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from spsp_ctrl import __version__
-from spsp_ctrl.cli import log, run
+from spsp_ctrl.cli import log, mechanism, mechanism_errors, run
 from spsp_ctrl.cli.common import EXIT_CODES, EXIT_INTERNAL
 
 
@@ -24,8 +24,10 @@ def cli() -> None:
     """
 
 
-for command in (run.run, run.replay, log.log):
+for command in (run.run, run.replay, log.log, mechanism.mechanism):
     cli.add_command(command)
+for command in mechanism_errors.COMMANDS:
+    mechanism.mechanism.add_command(command)
 
 
 def main() -> None:

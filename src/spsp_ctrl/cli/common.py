@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
+import math
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,7 +16,7 @@ import click
 EXIT_ROW_FAILED, EXIT_USER, EXIT_RIG, EXIT_DATA, EXIT_INTERNAL, EXIT_INTERRUPTED = 1, 2, 3, 4, 5, 130
 EXIT_CODES = """\b
 Exit codes: 0 ok, 1 acceptance row failed or replay differs, 2 wrong input,
-3 rig fault, 4 data not understood, 5 internal error, 130 interrupted."""
+3 rig fault, 4 data not understood or log not complete, 5 internal error, 130 interrupted."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -40,10 +42,13 @@ def guarded(function: F) -> F:
             code = _user_exit_code(error)
             if code is None:
                 raise
-            click.echo(str(error), err=True)
+            click.echo(_text(error), err=True)
             raise SystemExit(code) from None
 
     return cast("F", wrapper)
+
+
+_STORAGE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
 def _user_exit_code(error: Exception) -> int | None:
@@ -54,11 +59,30 @@ def _user_exit_code(error: Exception) -> int | None:
         return EXIT_USER
     if isinstance(error, RigError):
         return EXIT_RIG
+    if type(error).__name__ in ("NoPictures", "RecorderError"):
+        return EXIT_USER
     if type(error).__name__ == "LogError":
         return EXIT_DATA
+    if isinstance(error, OSError) and error.errno in _STORAGE:
+        return EXIT_USER
     if isinstance(error, FileNotFoundError | FileExistsError | IsADirectoryError | NotADirectoryError | PermissionError):
         return EXIT_USER
     return None
+
+
+def _text(error: Exception) -> str:
+    """The operating system's complaints in the form of all others: which file, what is wrong."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{error.filename}: {error.strerror[0].lower()}{error.strerror[1:]}"
+    return str(error)
+
+
+def finite(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
+    """Callback of a float option: click's ranges let NaN pass."""
+    for number in value if isinstance(value, tuple) else (value,):
+        if number is not None and not math.isfinite(number):
+            raise click.BadParameter(f"{number} is not a finite number", ctx, param)
+    return value
 
 
 OVERRIDE = click.option(
@@ -71,6 +95,14 @@ OVERRIDE = click.option(
 CONFIG = click.option(
     "--config", "-c", required=True, type=click.Path(path_type=Path), help="Rig file, e.g. config/rig.yaml."
 )
+MECHANISM = click.option(
+    "--config",
+    "-c",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="Rig file or mechanism file, e.g. config/rig.yaml or config/mechanisms/large.yaml.",
+)
+PICTURE = click.option("--out", "-o", type=click.Path(path_type=Path), metavar="DIR", help="Also write the picture (SVG) to this folder.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on standard output.")
 
 

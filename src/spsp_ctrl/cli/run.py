@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from spsp_ctrl.cli.common import CONFIG, EXIT_DATA, EXIT_INTERRUPTED, EXIT_RIG, EXIT_ROW_FAILED, JSON, OVERRIDE, bar, guarded
+from spsp_ctrl.cli.common import CONFIG, EXIT_DATA, EXIT_INTERRUPTED, EXIT_RIG, EXIT_ROW_FAILED, JSON, OVERRIDE, bar, finite, guarded
 
 if TYPE_CHECKING:
     from spsp_ctrl.config.rig import RigConfig
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @CONFIG
 @OVERRIDE
 @click.option("--scenario", type=click.Path(path_type=Path), help="Play this scenario instead of the rig file's own.")
-@click.option("--duration", type=click.FloatRange(0.1, 86400.0), metavar="S", help="Seconds to run.")
+@click.option("--duration", type=click.FloatRange(0.1, 86400.0), callback=finite, metavar="S", help="Seconds to run.")
 @click.option("--fast", is_flag=True, help="Lock-step, as fast as the computer allows, instead of real time.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the virtual rig.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder; default runs/<UTC time>.")
@@ -51,8 +51,7 @@ def run(
     from spsp_ctrl.experiments import session
 
     say = _progress_line(as_json)
-    say("preparing the rig (the first start compiles the plant, about 10 s) ...")
-    rig = session.prepare(plan)
+    rig = session.prepare(plan, say)
     folder = session.new_folder(out)
     with _watch(plan, fast, as_json or no_screen) as watcher:
         result = session.run_session(plan, rig, folder, watcher, say)
@@ -62,7 +61,12 @@ def run(
 
     attachments = {name: data.decode("utf-8", "replace") for name, data in result.log.attachments.items()}
     data = RunData(result.log.topics, result.log.events, result.log.metadata, attachments)
-    write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
+    lost = result.summary["log"]["lost"]
+    if len(result.log.topics["/control"]):
+        try:
+        write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
+    except OSError as error:  # the run is over and recorded; its table still tells
+        click.echo(f"{folder / 'report.html'}: cannot be written: {error.strerror}", err=True)
     if as_json:
         click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
@@ -71,11 +75,16 @@ def run(
         from spsp_ctrl.report.summary_table import print_summary
 
         print_summary(result.summary, Console(), folder)
+    if lost or not result.log.complete:
+        problem = result.summary["log"]["problem"] or "the loop was faster than the log writer"
+        click.echo(f"{folder / 'run.mcap'} is not complete: {lost} records lost ({problem})", err=True)
     ended = result.loop.ended
     if ended.startswith("fault"):
         raise SystemExit(EXIT_RIG)
     if ended == "interrupted":
         raise SystemExit(EXIT_INTERRUPTED)
+    if lost or not result.log.complete:
+        raise SystemExit(EXIT_DATA)
     if strict and not all(row["pass"] for row in result.summary["acceptance"]):
         raise SystemExit(EXIT_ROW_FAILED)
 
@@ -85,6 +94,7 @@ def _plan(
 ) -> Plan:
     """Every file read and judged, before anything moves or is written."""
     from spsp_ctrl.config.loader import apply_overrides, load_rig, load_scenario, resolve_reference
+    from spsp_ctrl.experiments.checking import check_rig, check_scenario
     from spsp_ctrl.experiments.session import Plan
 
     loaded = load_rig(path)
@@ -93,7 +103,10 @@ def _plan(
     rig: RigConfig = loaded.model
     scenario_path = scenario or resolve_reference(loaded, ("scenario",))
     model_path = resolve_reference(loaded, ("rig", "model"))
-    plan: Scenario = load_scenario(scenario_path).model
+    check_rig(loaded)
+    played = load_scenario(scenario_path)
+    check_scenario(played)
+    plan: Scenario = played.model
     if duration is not None:
         plan = plan.model_copy(update={"duration_s": duration})
     return Plan(rig, plan, model_path, rig.rig.seed if seed is None else seed, real_time)
@@ -142,6 +155,9 @@ def replay(log: Path, config: Path | None, overrides: tuple[str, ...], as_json: 
             click.echo(str(result.first))
     if result.first:
         raise SystemExit(EXIT_ROW_FAILED)
+    if result.log_problem:
+        click.echo(f"{log} is not complete ({result.log_problem}): only what could be read was compared", err=True)
+        raise SystemExit(EXIT_DATA)
     if result.active_cycles == 0:
         click.echo("the run was never ACTIVE: a replay of it proves nothing about the law", err=True)
         raise SystemExit(EXIT_DATA)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import difflib
+import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -13,18 +15,23 @@ from typing import Any, Generic, TypeVar, Union, get_args, get_origin
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from spsp_ctrl.config.rig import RIG_SCHEMA, RigConfig
+from spsp_ctrl.config.rig import MECHANISM_SCHEMA, RIG_SCHEMA, MechanismFile, RigConfig
 from spsp_ctrl.config.scenario import SCENARIO_SCHEMA, Scenario
+from spsp_ctrl.config.tolerances import TOLERANCES_SCHEMA, TRANSMISSION_SCHEMA, ToleranceFile, TransmissionFile
 
 M = TypeVar("M", bound=BaseModel)
 Location = tuple[str | int, ...]
 MAX_BYTES = 1 << 20
 MAX_NODES = 50_000
+MAX_DEPTH = 50
 
 KINDS = {
     RIG_SCHEMA: "a rig file",
+    MECHANISM_SCHEMA: "a mechanism file",
     SCENARIO_SCHEMA: "a scenario file",
     "spsp-ctrl/model/1": "a plant model file",
+    TOLERANCES_SCHEMA: "a tolerance file",
+    TRANSMISSION_SCHEMA: "a transmission file",
 }
 
 
@@ -84,13 +91,18 @@ _Loader.add_implicit_resolver(
 )
 
 
+_Loader.add_constructor("tag:yaml.org,2002:int", lambda loader, node: int(node.value))  # 010 is ten, not eight
+_PLAIN = tuple(f"tag:yaml.org,2002:{kind}" for kind in ("map", "seq", "str", "int", "float", "bool", "null"))
+
+
 def _read(path: Path) -> str:
-    if not path.exists():
-        raise ConfigError([ConfigProblem(path, 0, 0, "no such file")])
-    if path.is_dir():
-        raise ConfigError([ConfigProblem(path, 0, 0, "is a folder, expected a YAML file")])
     try:
-        data = path.read_bytes()
+        if not path.exists():
+            raise ConfigError([ConfigProblem(path, 0, 0, "no such file")])
+        if path.is_dir():
+            raise ConfigError([ConfigProblem(path, 0, 0, "is a folder, expected a YAML file")])
+        with path.open("rb") as stream:  # never more than this: the path may be a device
+            data = stream.read(MAX_BYTES + 1)
     except OSError as error:
         raise ConfigError([ConfigProblem(path, 0, 0, f"cannot be read: {error.strerror}")]) from None
     if len(data) > MAX_BYTES:
@@ -99,7 +111,8 @@ def _read(path: Path) -> str:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data[: error.start].count(b"\n") + 1
-        raise ConfigError([ConfigProblem(path, line, 1, "is not UTF-8 text; save it as UTF-8 YAML")]) from None
+        what = "is a binary file, expected YAML text" if b"\0" in data[:4096] else "is not UTF-8 text; save it as UTF-8 YAML"
+        raise ConfigError([ConfigProblem(path, line, 1, what)]) from None
 
 
 def _construct(path: Path, text: str) -> tuple[Any, dict[Location, tuple[int, int]]]:
@@ -109,7 +122,7 @@ def _construct(path: Path, text: str) -> tuple[Any, dict[Location, tuple[int, in
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
-        hint = "; indent with spaces, not tabs" if "'\\t'" in str(error.problem) else ""
+        hint = "; indent with spaces, not tabs" if "tab" in str(error.problem) or "'\\t'" in str(error.problem) else ""
         raise ConfigError([ConfigProblem(path, line, column, f"not valid YAML: {error.problem}{hint}")]) from None
     except yaml.YAMLError as error:
         first = str(error).splitlines()[0]
@@ -128,11 +141,20 @@ def _construct(path: Path, text: str) -> tuple[Any, dict[Location, tuple[int, in
         count += 1
         if count > MAX_NODES:
             raise ConfigError([ConfigProblem(path, node.start_mark.line + 1, 1, "too many values (aliases repeated?)")])
+        if len(place) > MAX_DEPTH:
+            text = f"nested deeper than {MAX_DEPTH} levels (an alias inside its own anchor?)"
+            raise ConfigError([ConfigProblem(path, node.start_mark.line + 1, node.start_mark.column + 1, text)])
+        if node.tag not in _PLAIN:
+            problems.append(ConfigProblem(path, node.start_mark.line + 1, node.start_mark.column + 1, f"tag {node.tag!r} is not allowed; delete it"))
+            return None
         if isinstance(node, yaml.MappingNode):
             result: dict[str, Any] = {}
             for key_node, value_node in node.value:
                 line, column = key_node.start_mark.line + 1, key_node.start_mark.column + 1
-                key = str(key_node.value) if isinstance(key_node, yaml.ScalarNode) else repr(key_node.value)
+                if not isinstance(key_node, yaml.ScalarNode):
+                    problems.append(ConfigProblem(path, line, column, "a list or mapping cannot be a key; write `key: value`"))
+                    continue
+                key = str(key_node.value)
                 if key in result:
                     problems.append(ConfigProblem(path, line, column, f"key {key!r} is given twice; delete one"))
                 marks[(*place, key)] = (line, column)
@@ -160,7 +182,12 @@ def _construct(path: Path, text: str) -> tuple[Any, dict[Location, tuple[int, in
 def load_yaml_model(path: Path, model: type[M], schema: str) -> Loaded[M]:
     """Read, check and convert one file. Raises ``ConfigError`` with every problem found."""
     path = Path(path)
-    data, marks = _construct(path, _read(path))
+    return _load(path, *_construct(path, _read(path)), model, schema)
+
+
+def _load(
+    path: Path, data: dict[str, Any], marks: dict[Location, tuple[int, int]], model: type[M], schema: str
+) -> Loaded[M]:
     given = data.get("schema")
     if given != schema:
         line, column = marks.get(("schema",), (1, 1))
@@ -177,9 +204,12 @@ def load_yaml_model(path: Path, model: type[M], schema: str) -> Loaded[M]:
 def _validate(path: Path, data: dict[str, Any], marks: dict[Location, tuple[int, int]], model: type[M]) -> Loaded[M]:
     loaded: Loaded[Any] = Loaded(None, path, data, marks)
     try:
-        checked = model.model_validate(data)
+        # through JSON, where strict still takes a list for a tuple; else `true` would pass for 1.0 and "6.0" for 6.0
+        checked = model.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as error:
-        problems = [_problem(loaded, model, dict(item)) for item in error.errors()]
+        items: list[dict[str, Any]] = [dict(item) for item in error.errors()]
+        meant = {(*item["loc"][:-1], key) for item in items if (key := _meant(model, item))}
+        problems = [_problem(loaded, model, item) for item in items if item["type"] != "missing" or item["loc"] not in meant]
         unique = {str(problem): problem for problem in problems}
         raise ConfigError(sorted(unique.values(), key=lambda p: (p.line, p.column, p.message))) from None
     return Loaded(checked, path, data, marks)
@@ -210,7 +240,18 @@ def _keys(model: type[BaseModel], place: Location) -> list[str]:
     return [info.alias or name for candidate in current for name, info in candidate.model_fields.items()]
 
 
-_UNITS = re.compile(r"_(mm|um|m|deg|rad|arcmin|ms|s|ns|hz|a|v|nm|n|c|ppm_k|n_um|kg|mm_s|mm_s2|deg_s|deg_s2|1_s|1_s2)$")
+_UNITS = re.compile(r"_(mm|cm|um|m|deg|rad|arcmin|ms|us|s|min|ns|hz|khz|ma|a|v|mnm|nm|n|c|ppm_k|n_um|kg|mm_s|mm_s2|deg_s|deg_s2|1_s|1_s2)$")
+
+
+def _meant(model: type[BaseModel], item: dict[str, Any]) -> str:
+    """The key that was meant by an unknown one with the wrong unit or a misspelling; empty when nothing is near."""
+    if item["type"] != "extra_forbidden":
+        return ""
+    name, allowed = str(item["loc"][-1]), _keys(model, item["loc"][:-1])
+    stem = _UNITS.sub("", name)
+    same = [key for key in allowed if key != name and _UNITS.sub("", key) == stem]
+    near = difflib.get_close_matches(name, allowed, n=1)
+    return (same or near or [""])[0]
 
 
 def _problem(loaded: Loaded[Any], model: type[BaseModel], item: dict[str, Any]) -> ConfigProblem:
@@ -220,14 +261,11 @@ def _problem(loaded: Loaded[Any], model: type[BaseModel], item: dict[str, Any]) 
     value = item.get("input")
     line, column = loaded.locate(place)
     if kind == "extra_forbidden":
-        name, allowed = str(place[-1]), _keys(model, place[:-1])
-        stem = _UNITS.sub("", name)
-        same = [key for key in allowed if key != name and _UNITS.sub("", key) == stem]
-        if same:
-            text = f"unknown key {dotted!r}: this quantity is given as {same[0]!r} (mind the unit)"
+        meant = _meant(model, item)
+        if meant and _UNITS.sub("", meant) == _UNITS.sub("", str(place[-1])):
+            text = f"unknown key {dotted!r}: this quantity is given as {meant!r} (mind the unit)"
         else:
-            near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
-            text = f"unknown key {dotted!r}" + (f"; did you mean {near[0]!r}?" if near else "; delete it")
+            text = f"unknown key {dotted!r}" + (f"; did you mean {meant!r}?" if meant else "; delete it")
     elif kind == "missing":
         text = f"key {dotted!r} is missing; add it to this mapping"
     elif kind == "value_error":
@@ -238,6 +276,14 @@ def _problem(loaded: Loaded[Any], model: type[BaseModel], item: dict[str, Any]) 
         text = f"{dotted} = {value!r} is out of range: it must be {limit}"
     elif kind == "finite_number":
         text = f"{dotted} = {value!r}: a finite number is needed"
+    elif kind in ("float_type", "int_type") and isinstance(value, str):
+        text = f"{dotted} = {value!r} is text, a number is needed" + (" (without quotes or unit)" if value[:1].strip("-+.").isdigit() else "")
+    elif kind in ("model_type", "dict_type", "tuple_type"):
+        names = (("nothing", type(None)), ("`key: value` lines", dict), ("a list", list))
+        found = next((name for name, kind_of in names if isinstance(value, kind_of)), repr(value))
+        text = f"{dotted}: expected {'a list' if kind == 'tuple_type' else '`key: value` lines'}, found {found}"
+    elif kind == "json_invalid":
+        text = "holds text that is not valid Unicode"
     else:
         text = f"{dotted} = {value!r}: {item['msg'][0].lower()}{item['msg'][1:]}"
     return ConfigProblem(loaded.path, line, column, text)
@@ -248,9 +294,28 @@ def load_rig(path: Path) -> Loaded[RigConfig]:
     return load_yaml_model(path, RigConfig, RIG_SCHEMA)
 
 
+def load_mechanism(path: Path) -> Loaded[RigConfig] | Loaded[MechanismFile]:
+    """The file with a ``mechanism:`` section: a rig file, or a mechanism alone."""
+    path = Path(path)
+    data, marks = _construct(path, _read(path))
+    if data.get("schema") == RIG_SCHEMA:
+        return _load(path, data, marks, RigConfig, RIG_SCHEMA)
+    return _load(path, data, marks, MechanismFile, MECHANISM_SCHEMA)
+
+
 def load_scenario(path: Path) -> Loaded[Scenario]:
     """A scenario file."""
     return load_yaml_model(path, Scenario, SCENARIO_SCHEMA)
+
+
+def load_tolerances(path: Path) -> Loaded[ToleranceFile]:
+    """A tolerance file."""
+    return load_yaml_model(path, ToleranceFile, TOLERANCES_SCHEMA)
+
+
+def load_transmission(path: Path) -> Loaded[TransmissionFile]:
+    """A transmission file."""
+    return load_yaml_model(path, TransmissionFile, TRANSMISSION_SCHEMA)
 
 
 def resolve_reference(loaded: Loaded[Any], place: Location) -> Path:
@@ -270,7 +335,8 @@ def resolve_reference(loaded: Loaded[Any], place: Location) -> Path:
 
 def apply_overrides(loaded: Loaded[M], overrides: Sequence[str]) -> Loaded[M]:
     """``key.path=value`` texts laid over a file and checked with it. Raises ``ConfigError`` that names the text."""
-    data = yaml.safe_load(yaml.safe_dump(loaded.data))
+    data = copy.deepcopy(loaded.data)
+    marks = dict(loaded.marks)
     for text in overrides:
         name, separator, raw = text.partition("=")
         parts = name.strip().split(".")
@@ -278,7 +344,8 @@ def apply_overrides(loaded: Loaded[M], overrides: Sequence[str]) -> Loaded[M]:
             raise ConfigError([ConfigProblem(None, 0, 0, f"--set {text}: expected KEY=VALUE, e.g. control.law=cascade")])
         try:
             value = yaml.load(raw, Loader=_Loader)
-        except yaml.YAMLError:
+            json.dumps(value)
+        except (yaml.YAMLError, ValueError, TypeError, RecursionError):
             raise ConfigError([ConfigProblem(None, 0, 0, f"--set {text}: the value is not valid YAML")]) from None
         target = data
         for part in parts[:-1]:
@@ -286,8 +353,9 @@ def apply_overrides(loaded: Loaded[M], overrides: Sequence[str]) -> Loaded[M]:
         if not isinstance(target, dict):
             raise ConfigError([ConfigProblem(None, 0, 0, f"--set {text}: {name} is not a key of this file")])
         target[parts[-1]] = value
+        marks[tuple(parts)] = (0, 0)  # no line of the file: it stands on the command line
     try:
-        checked = _validate(loaded.path, data, loaded.marks, type(loaded.model))
+        checked = _validate(loaded.path, data, marks, type(loaded.model))
     except ConfigError as error:
         which = " ".join(f"--set {text}" for text in overrides)
         raise ConfigError([ConfigProblem(None, 0, 0, f"{which}: {p.message}") for p in error.problems]) from None

@@ -14,31 +14,74 @@ from spsp_ctrl.control.params import GapParams
 
 
 class GapState(NamedTuple):
-    """Friction direction (-1..1), screw minus rod travel in m, and its rate in m/s."""
+    """Friction direction (-1..1), screw minus rod travel in m, its rate in m/s, and the rod force behind it."""
 
     friction: float
     offset_m: float
     rate_m_s: float
+    force_n: float
+    gravity_n: float
+    moving: float
 
 
-START = GapState(0.0, 0.0, 0.0)
+START = GapState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _new = tuple.__new__
 
 
-def step(state: GapState, gap: GapParams, rod_rate_m_s: float, gravity_n: float, dt: float) -> GapState:
-    """One cycle: ``rod_rate_m_s`` is the wanted rod speed, ``gravity_n`` the rod force that carries gravity."""
-    friction, offset, rate = state
-    travel = rod_rate_m_s * dt
+def step(state: GapState, gap: GapParams, rod_rate_m_s: float, moving: float, gravity_n: float, dt: float) -> GapState:
+    """One cycle: ``rod_rate_m_s`` is the wanted rod speed, ``gravity_n`` the rod force that carries gravity.
+
+    ``moving`` (0..1) is how far the axis is moved on purpose: at standstill the flank is left where it is, since reversals of a few um
+    of noise would drive it to and fro (a limit cycle of 0.2 arcmin at 6 Hz).
+    """
+    friction, offset, rate = state[:3]
+    travel = moving * rod_rate_m_s * dt
     target = 1.0 if travel > 0.0 else -1.0
     friction = target + (friction - target) * exp(-abs(travel) / gap.presliding_m)
     force = gap.friction_n * friction + gravity_n
-    wanted = gap.half_gap_m * tanh(force / gap.width_n) + force / gap.stiffness_n_m
+    asked = gap.half_gap_m * tanh(force / gap.width_n) + force / gap.stiffness_n_m
+    wanted = offset + moving * (asked - offset)
     # critically damped, exact for a constant target over the cycle
     w = 1.0 / gap.time_constant_s
     decay = exp(-w * dt)
     error = offset - wanted
     slope = rate + w * error
-    return _new(GapState, (friction, wanted + (error + slope * dt) * decay, (rate - w * slope * dt) * decay))
+    return _new(
+        GapState, (friction, wanted + (error + slope * dt) * decay, (rate - w * slope * dt) * decay, force, gravity_n, moving)
+    )
+
+
+class Flank(NamedTuple):
+    """Where the nut is believed to be: friction direction (-1..1), screw minus rod travel in m, rod per screw motion (0..1)."""
+
+    friction: float
+    offset_m: float
+    share: float
+
+
+def follow(state: Flank, gap: GapParams, screw_step_m: float, gravity_n: float, moving: float) -> Flank:
+    """The nut after the screw has *really* moved by ``screw_step_m``: the same force model as the take-up, driven by the resolver.
+
+    While the force is large the rod follows the screw; while it passes through zero the screw crosses the gap and the rod is left
+    behind. ``share`` is how much of the step reached the rod.
+    """
+    friction, offset, _ = state
+    target = 1.0 if screw_step_m > 0.0 else -1.0
+    force = gap.friction_n * friction + gravity_n
+    gate = tanh(force / gap.width_n)
+    give = gap.half_gap_m / gap.width_n * (1.0 - gate * gate) + 1.0 / gap.stiffness_n_m
+    slope = moving * give * gap.friction_n * (1.0 - target * friction) / gap.presliding_m
+    share = 1.0 / (1.0 + slope)
+    rod = share * screw_step_m
+    friction = target + (friction - target) * exp(-moving * abs(rod) / gap.presliding_m)
+    force = gap.friction_n * friction + gravity_n
+    wanted = gap.half_gap_m * tanh(force / gap.width_n) + force / gap.stiffness_n_m
+    offset += screw_step_m - rod
+    return _new(Flank, (friction, offset + PULL * (wanted - offset), share))
+
+
+PULL = 0.05
+"""Share per cycle by which the integrated offset is drawn to the one that the force asks for (gravity changes, rounding)."""
 
 
 def gravity_forces(

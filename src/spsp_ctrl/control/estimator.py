@@ -1,27 +1,28 @@
-"""From a measurement to what the law needs: motor speeds, rods, joint angles and rates, base rate, attitude.
-
-Base rate is what the gyro sees minus what the joints do, both taken at the same instant and through the same lag: a mismatch of half a
-millisecond costs 0.35 arcmin at 15 deg / 8 s. It is filtered with its own slope by a fixed-gain filter and predicted to now, so that the
-feed-forward is not late by the delay of the IMU.
-"""
+"""From a measurement to what the law needs: motor speeds, rods, joint angles and rates, attitude, and the motion of the base."""
 
 from __future__ import annotations
 
+from math import cos, sin
 from typing import NamedTuple
 
-from spsp_ctrl.control import motor_observer
-from spsp_ctrl.control.backlash import GapState
+from spsp_ctrl.control import backlash, base_observer, motor_observer, screw_map
+from spsp_ctrl.control.backlash import Flank, GapState
+from spsp_ctrl.control.base_observer import BaseState
 from spsp_ctrl.control.motor_observer import MotorState
-from spsp_ctrl.control.params import AxisParams, LawParams
+from spsp_ctrl.control.params import AxisParams, LawParams, lag_step
+from spsp_ctrl.control.screw_map import ScrewMap
 from spsp_ctrl.mechanism.frames import joint_rates_to_body, roll_from_imu, wrap_angle
-from spsp_ctrl.mechanism.kinematics import attitude_from_rods, jacobian
+from spsp_ctrl.mechanism.kinematics import attitude_from_rods, jacobian, rod_lengths
+from spsp_ctrl.mechanism.levelling import platform_tilt
 from spsp_ctrl.messages import DriveSample, Estimate, Measurement, ResolverSample
 
-COAST_PREDICTION_S = 0.1
-"""Base acceleration is extrapolated no longer than this; then the base rate is held."""
+COAST_PREDICTION_S = 0.25
+"""The motion of the base is extrapolated no longer than this; then it is held."""
 
 Vector = tuple[float, float, float]
+Six = tuple[float, float, float, float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
+_STILL: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _new = tuple.__new__
 
 
@@ -30,12 +31,13 @@ class EstimatorState(NamedTuple):
 
     pitch: MotorState
     roll: MotorState
-    joint_lagged: Vector
-    """Body rate by the joints through the gyro's lag."""
-    history: tuple[Vector, ...]
-    """The last values of ``joint_lagged``, newest last: aligned with the delayed gyro."""
-    base_rate: Vector
-    base_accel: Vector
+    joints: Six
+    """Joint angles (pitch, roll, azimuth) and the body rate they give, at the previous cycle: input of the lags."""
+    history: tuple[Six, ...]
+    """The same through the IMU's lags, newest last: aligned with the delayed frames."""
+    base: BaseState
+    screw_pitch: ScrewMap
+    screw_roll: ScrewMap
     imu_seq: int
     imu_stamp_ns: int
     pitch_rad: float
@@ -44,8 +46,9 @@ class EstimatorState(NamedTuple):
     pitch_rate: float
     roll_rate: float
     since_attitude_s: float
-    joint_pitch_rad: float
-    joint_roll_rad: float
+    coasting: bool
+    flank_pitch: Flank
+    flank_roll: Flank
 
 
 def history_length(p: LawParams) -> int:
@@ -55,13 +58,24 @@ def history_length(p: LawParams) -> int:
 
 def start(measurement: Measurement, p: LawParams) -> EstimatorState:
     """At rest where the resolvers say the motors are."""
+    pitch = motor_observer.start(measurement.resolver_pitch.counts * p.pitch.rad_per_count)
+    roll = motor_observer.start(measurement.resolver_roll.counts * p.roll.rad_per_count)
+    l1 = p.level_m + pitch.angle * p.pitch.travel_per_rad_m + p.pitch.zero_offset_m
+    l2 = p.level_m + roll.angle * p.roll.travel_per_rad_m + p.roll.zero_offset_m
+    try:
+        joint_pitch, joint_roll = attitude_from_rods(l1, l2, p.height_m, p.radius_m, p.static_radius_m)
+    except ValueError:
+        joint_pitch = joint_roll = 0.0
+    azimuth = measurement.azimuth.microsteps * p.rad_per_microstep
+    joints: Six = (joint_pitch, joint_roll, azimuth, 0.0, 0.0, 0.0)
     return EstimatorState(
-        pitch=motor_observer.start(measurement.resolver_pitch.counts * p.pitch.rad_per_count),
-        roll=motor_observer.start(measurement.resolver_roll.counts * p.roll.rad_per_count),
-        joint_lagged=ZERO,
-        history=(ZERO,) * history_length(p),
-        base_rate=ZERO,
-        base_accel=ZERO,
+        pitch=pitch,
+        roll=roll,
+        joints=joints,
+        history=(joints,) * history_length(p),
+        base=base_observer.START,
+        screw_pitch=screw_map.START,
+        screw_roll=screw_map.START,
         imu_seq=-1,
         imu_stamp_ns=0,
         pitch_rad=0.0,
@@ -70,8 +84,9 @@ def start(measurement: Measurement, p: LawParams) -> EstimatorState:
         pitch_rate=0.0,
         roll_rate=0.0,
         since_attitude_s=0.0,
-        joint_pitch_rad=0.0,
-        joint_roll_rad=0.0,
+        coasting=False,
+        flank_pitch=Flank(0.0, 0.0, 1.0),
+        flank_roll=Flank(0.0, 0.0, 1.0),
     )
 
 
@@ -89,6 +104,37 @@ def _motor(
     )
 
 
+def _learn_screws(
+    state: EstimatorState, p: LawParams, base: BaseState, pitch: float, roll: float, azimuth: float, rate1: float, rate2: float
+) -> tuple[ScrewMap, ScrewMap]:
+    """One step of both screw maps, at the (lagged) joint angles that the frame belongs to."""
+    l1, l2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.static_radius_m)
+    j11, j21, j22 = jacobian(pitch, roll, l1, l2, p.height_m, p.radius_m, p.static_radius_m)
+    # innovations from base axes into those of the joints
+    ca, sa = cos(azimuth), sin(azimuth)
+    by_pitch = ca * base.pitch_innovation + sa * base.roll_innovation
+    by_roll = ca * base.roll_innovation - sa * base.pitch_innovation
+    share = p.base.angle_by_attitude
+    return (
+        screw_map.learn(
+            state.screw_pitch,
+            (l1 - p.level_m) / p.pitch.travel_per_rad_m * p.pitch.screw_per_rad,
+            j11 * by_pitch,
+            p.screw_rate if abs(rate1) > p.screw_speed_m_s else 0.0,
+            share,
+            p.screw_limit_m,
+        ),
+        screw_map.learn(
+            state.screw_roll,
+            (l2 - p.level_m) / p.roll.travel_per_rad_m * p.roll.screw_per_rad,
+            j21 * by_pitch + j22 * by_roll,
+            p.screw_rate if abs(rate2) > p.screw_speed_m_s else 0.0,
+            share,
+            p.screw_limit_m,
+        ),
+    )
+
+
 def step(
     state: EstimatorState, p: LawParams, m: Measurement, gap_pitch: GapState, gap_roll: GapState, now_ns: int, dt: float
 ) -> tuple[Estimate, EstimatorState]:
@@ -96,77 +142,105 @@ def step(
     pitch = _motor(state.pitch, p.pitch, p, m.resolver_pitch, m.drive_pitch, dt)
     roll = _motor(state.roll, p.roll, p, m.resolver_roll, m.drive_roll, dt)
     t = m.temperature
-    rod1 = pitch.angle * p.pitch.travel_per_rad_m + p.pitch.zero_offset_m - gap_pitch.offset_m
-    rod2 = roll.angle * p.roll.travel_per_rad_m + p.roll.zero_offset_m - gap_roll.offset_m
     thermal1 = p.thermal_m_k * (t.screw_pitch_c - p.thermal_reference_c)
     thermal2 = p.thermal_m_k * (t.screw_roll_c - p.thermal_reference_c)
-    rod1 += thermal1
-    rod2 += thermal2
-    rate1 = pitch.speed * p.pitch.travel_per_rad_m - gap_pitch.rate_m_s
-    rate2 = roll.speed * p.roll.travel_per_rad_m - gap_roll.rate_m_s
+    rod1 = pitch.angle * p.pitch.travel_per_rad_m + p.pitch.zero_offset_m + thermal1
+    rod2 = roll.angle * p.roll.travel_per_rad_m + p.roll.zero_offset_m + thermal2
+    rate1 = pitch.speed * p.pitch.travel_per_rad_m
+    rate2 = roll.speed * p.roll.travel_per_rad_m
+    screw_pitch, screw_roll = state.screw_pitch, state.screw_roll
+    if p.screw_rate:
+        offset, slope = screw_map.error(screw_pitch, pitch.angle * p.pitch.screw_per_rad)
+        rod1 += offset
+        rate1 += slope * pitch.speed * p.pitch.screw_per_rad
+        offset, slope = screw_map.error(screw_roll, roll.angle * p.roll.screw_per_rad)
+        rod2 += offset
+        rate2 += slope * roll.speed * p.roll.screw_per_rad
+    screw1, screw2 = rod1, rod2
+    flank_pitch, flank_roll = state.flank_pitch, state.flank_roll
+    if p.gap is not None:
+        step1 = (pitch.angle - state.pitch.angle) * p.pitch.travel_per_rad_m
+        step2 = (roll.angle - state.roll.angle) * p.roll.travel_per_rad_m
+        flank_pitch = backlash.follow(flank_pitch, p.gap, step1, gap_pitch.gravity_n, gap_pitch.moving)
+        flank_roll = backlash.follow(flank_roll, p.gap, step2, gap_roll.gravity_n, gap_roll.moving)
+        rod1 -= flank_pitch.offset_m
+        rod2 -= flank_roll.offset_m
+        rate1 *= flank_pitch.share
+        rate2 *= flank_roll.share
     l1, l2 = p.level_m + rod1, p.level_m + rod2
+    before = state.joints
     try:
-        joint_pitch, joint_roll = attitude_from_rods(l1, l2, p.height_m, p.radius_m, p.radius_m)
+        joint_pitch, joint_roll = attitude_from_rods(l1, l2, p.height_m, p.radius_m, p.static_radius_m)
     except ValueError:
         # no attitude has these rods (a resolver jumped): keep the last pose, the supervisor judges the jump
-        joint_pitch, joint_roll = state.joint_pitch_rad, state.joint_roll_rad
-    j11, j21, j22 = jacobian(joint_pitch, joint_roll, l1, l2, p.height_m, p.radius_m, p.radius_m)
+        joint_pitch, joint_roll = before[0], before[1]
+    j11, j21, j22 = jacobian(joint_pitch, joint_roll, l1, l2, p.height_m, p.radius_m, p.static_radius_m)
     pitch_rate = rate1 / j11
     roll_rate = (rate2 - j21 * pitch_rate) / j22
-    azimuth = m.azimuth.microsteps * p.rad_per_microstep
     azimuth_rate = m.azimuth.rate_microsteps_s * p.rad_per_microstep
+    # the stepper is served slowly: where it is now, not where it was at its stamp (25 deg/s for 10 ms under 15 deg of tilt are 4 arcmin)
+    azimuth = m.azimuth.microsteps * p.rad_per_microstep + azimuth_rate * (now_ns - m.azimuth.stamp_ns) * 1e-9
 
-    body = joint_rates_to_body(joint_pitch, joint_roll, pitch_rate, roll_rate, azimuth_rate)
-    a = p.gyro_lag_decay if dt == p.period_s else p.gyro_lag_decay ** (dt / p.period_s)
-    b = 1.0 - a
-    old = state.joint_lagged
-    lagged = (a * old[0] + b * body[0], a * old[1] + b * body[1], a * old[2] + b * body[2])
-    history = (*state.history[1:], lagged)
+    wx, wy, wz = joint_rates_to_body(joint_pitch, joint_roll, pitch_rate, roll_rate, azimuth_rate)
+    if dt == p.period_s:
+        (a, b, c), (d, e, f) = p.attitude_lag, p.gyro_lag
+    else:
+        (a, b, c), (d, e, f) = lag_step(p.attitude_lag_s, dt), lag_step(p.gyro_lag_s, dt)
+    o0, o1, o2, o3, o4, o5 = state.history[-1]
+    b0, b1, b2, b3, b4, b5 = before
+    history = (
+        *state.history[1:],
+        (
+            a * o0 + b * b0 + c * joint_pitch,
+            a * o1 + b * b1 + c * joint_roll,
+            a * o2 + b * b2 + c * azimuth,
+            d * o3 + e * b3 + f * wx,
+            d * o4 + e * b4 + f * wy,
+            d * o5 + e * b5 + f * wz,
+        ),
+    )
 
-    base_rate, base_accel = state.base_rate, state.base_accel
-    imu = m.imu
+    base, imu, g = state.base, m.imu, p.base
     since = state.since_attitude_s + dt
     attitude_dt = 0.0
     seq, stamp = state.imu_seq, state.imu_stamp_ns
     pitch_rad, roll_rad, heading = state.pitch_rad, state.roll_rad, state.heading_rad
     platform_pitch_rate, platform_roll_rate = state.pitch_rate, state.roll_rate
-    coasting = False
     if imu.seq != seq and imu.valid:
         back = round((now_ns - imu.stamp_ns) * 1e-9 / p.period_s)
-        joints = history[max(0, len(history) - 1 - back)]
-        seen = (imu.gyro_x_rad_s - joints[0], imu.gyro_y_rad_s - joints[1], imu.gyro_z_rad_s - joints[2])
+        j0, j1, j2, j3, j4, j5 = history[max(0, len(history) - 1 - back)]
+        gyro = (imu.gyro_x_rad_s, imu.gyro_y_rad_s, imu.gyro_z_rad_s)
+        seen = base_observer.see(imu.roll_rad, imu.pitch_rad, gyro, (j0, j1, j2), (j3, j4, j5))
         if seq < 0:
-            base_rate, base_accel = seen, ZERO
+            base = base_observer.start(seen)
             attitude_dt = p.imu_period_s
         else:
-            frame_dt = (imu.stamp_ns - stamp) * 1e-9
-            predicted = (
-                base_rate[0] + frame_dt * base_accel[0],
-                base_rate[1] + frame_dt * base_accel[1],
-                base_rate[2] + frame_dt * base_accel[2],
-            )
-            e0, e1, e2 = seen[0] - predicted[0], seen[1] - predicted[1], seen[2] - predicted[2]
-            g, h = p.l_rate, p.l_accel
-            base_rate = (predicted[0] + g * e0, predicted[1] + g * e1, predicted[2] + g * e2)
-            base_accel = (base_accel[0] + h * e0, base_accel[1] + h * e1, base_accel[2] + h * e2)
+            base = base_observer.update(base, g, seen, (imu.stamp_ns - stamp) * 1e-9)
             attitude_dt = since
+            if p.screw_rate:
+                screw_pitch, screw_roll = _learn_screws(state, p, base, j0, j1, j2, rate1, rate2)
         seq, stamp, since = imu.seq, imu.stamp_ns, 0.0
         pitch_rad, roll_rad, heading = imu.pitch_rad, roll_from_imu(imu.roll_rad), imu.yaw_rad
         platform_pitch_rate, platform_roll_rate = imu.gyro_y_rad_s, -imu.gyro_x_rad_s
     age = (now_ns - stamp) * 1e-9
-    ahead = min(age + p.gyro_lag_s, COAST_PREDICTION_S) + p.lead_s
-    now_rate = (
-        base_rate[0] + ahead * base_accel[0],
-        base_rate[1] + ahead * base_accel[1],
-        base_rate[2] + ahead * base_accel[2],
-    )
+    reach = age if age < COAST_PREDICTION_S else COAST_PREDICTION_S
+    omega_sq_pitch = base_observer.omega_squared(g, base.pitch_rate_power, base.pitch_accel_power)
+    omega_sq_roll = base_observer.omega_squared(g, base.roll_rate_power, base.roll_accel_power)
+    base_pitch, _, _ = base_observer.ahead(base.pitch, base.pitch_rate, base.pitch_accel, omega_sq_pitch, reach)
+    base_roll, _, _ = base_observer.ahead(base.roll, base.roll_rate, base.roll_accel, omega_sq_roll, reach)
+    reach += p.lead_s
+    _, base_pitch_rate, base_pitch_accel = base_observer.ahead(0.0, base.pitch_rate, base.pitch_accel, omega_sq_pitch, reach)
+    _, base_roll_rate, base_roll_accel = base_observer.ahead(0.0, base.roll_rate, base.roll_accel, omega_sq_roll, reach)
+    base_yaw_rate = base.yaw_rate + reach * base.yaw_accel
+    coasting = False
     if attitude_dt == 0.0 and seq >= 0 and age > p.imu_delay_s + 1.5 * p.imu_period_s:
+        # where the platform is follows from where the base is believed to be and what the joints do
         coasting = True
-        platform_pitch_rate = now_rate[1] + body[1]
-        platform_roll_rate = -(now_rate[0] + body[0])
-        pitch_rad += platform_pitch_rate * dt
-        roll_rad += platform_roll_rate * dt
-        heading = wrap_angle(heading + (now_rate[2] + body[2]) * dt)
+        before_pitch, before_roll = pitch_rad, roll_rad
+        pitch_rad, roll_rad = platform_tilt(base_pitch, base_roll, azimuth, joint_pitch, joint_roll)
+        platform_pitch_rate = (pitch_rad - before_pitch) / dt if state.coasting else platform_pitch_rate
+        platform_roll_rate = (roll_rad - before_roll) / dt if state.coasting else platform_roll_rate
+        heading = wrap_angle(heading + (base_yaw_rate + azimuth_rate) * dt)
         if since >= p.imu_period_s - 0.5 * dt:
             attitude_dt, since = since, 0.0
 
@@ -187,6 +261,8 @@ def step(
             azimuth_rate,
             rod1,
             rod2,
+            screw1,
+            screw2,
             thermal1,
             thermal2,
             j11,
@@ -194,11 +270,15 @@ def step(
             j22,
             pitch.speed,
             roll.speed,
-            now_rate[0],
-            now_rate[1],
-            now_rate[2],
-            base_accel[0],
-            base_accel[1],
+            pitch.disturbance,
+            roll.disturbance,
+            base_pitch,
+            base_roll,
+            base_pitch_rate,
+            base_roll_rate,
+            base_yaw_rate,
+            base_pitch_accel,
+            base_roll_accel,
             age,
             coasting,
         ),
@@ -208,10 +288,11 @@ def step(
         (
             pitch,
             roll,
-            lagged,
+            (joint_pitch, joint_roll, azimuth, wx, wy, wz),
             history,
-            base_rate,
-            base_accel,
+            base,
+            screw_pitch,
+            screw_roll,
             seq,
             stamp,
             pitch_rad,
@@ -220,7 +301,8 @@ def step(
             platform_pitch_rate,
             platform_roll_rate,
             since,
-            joint_pitch,
-            joint_roll,
+            coasting,
+            flank_pitch,
+            flank_roll,
         ),
     )

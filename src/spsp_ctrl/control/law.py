@@ -7,7 +7,7 @@ below it: on the IMU (platform level in space; with or without base-rate feed-fo
 from __future__ import annotations
 
 from enum import IntEnum
-from math import cos, sin, tanh
+from math import cos, exp, sin
 from typing import NamedTuple
 
 from spsp_ctrl.control import backlash
@@ -16,6 +16,7 @@ from spsp_ctrl.control.limits import limit_rate
 from spsp_ctrl.control.params import AxisParams, LawParams
 from spsp_ctrl.mechanism.frames import body_to_tilt_rates, euler_rates_to_body, wrap_angle
 from spsp_ctrl.mechanism.kinematics import jacobian, rod_lengths
+from spsp_ctrl.mechanism.levelling import base_rate_on_platform, tilt_joints
 from spsp_ctrl.messages import AxisTerms, AzimuthTerms, Estimate, Limited, Reference, ReferenceKind
 
 CURRENT_LIMITED = int(Limited.CURRENT)
@@ -53,6 +54,13 @@ class AxisState(NamedTuple):
     rod_speed: float
     integral_a: float
     limited: int
+    slow_1: float
+    slow_2: float
+    """The fed-forward rod speed through two low-passes, in m/s: what of it is motion and not noise or ringing."""
+    envelope: float
+    """Its decaying peak: whether the axis is being moved on purpose."""
+    friction: float
+    """Direction of the motor-side friction, -1..1."""
 
 
 class LawState(NamedTuple):
@@ -69,7 +77,7 @@ class LawState(NamedTuple):
 
 
 _ATTITUDE = AttitudeState(0.0, 0.0, 0.0, 0.0)
-_AXIS = AxisState(0.0, 0.0, 0)
+_AXIS = AxisState(0.0, 0.0, 0, 0.0, 0.0, 0.0, 0.0)
 START = LawState(_ATTITUDE, _ATTITUDE, _AXIS, _AXIS, backlash.START, backlash.START, 0.0, 0.0)
 
 
@@ -98,6 +106,15 @@ def _clip(value: float, limit: float) -> float:
     return limit if value > limit else -limit if value < -limit else value
 
 
+STANDSTILL_M_S = 0.4e-3
+MOVING_M_S = 1.0e-3
+STILL_SHARE = 0.25
+
+
+def _smoothstep(x: float) -> float:
+    return 0.0 if x <= 0.0 else 1.0 if x >= 1.0 else x * x * (3.0 - 2.0 * x)
+
+
 def _rod(
     axis: AxisState,
     ap: AxisParams,
@@ -107,9 +124,11 @@ def _rod(
     error_rad: float,
     ff_rad_s: float,
     wanted_m_s: float,
+    planned_m_s: float,
     accel_a: float,
     gravity_n: float,
     rod_m: float,
+    flank_m: float,
     motor_rate: float,
     dt: float,
     enabled: bool,
@@ -118,12 +137,25 @@ def _rod(
     speed, bits = limit_rate(
         wanted_m_s, axis.rod_speed, rod_m, p.rod_min_m, p.rod_max_m, p.rod_speed_m_s, p.rod_accel_m_s2, dt
     )
+    # compensations that follow the direction of motion fade out at standstill, where that direction is noise
+    slow_1 = axis.slow_1 + p.envelope_share * (planned_m_s - axis.slow_1)
+    slow_2 = axis.slow_2 + p.envelope_share * (slow_1 - axis.slow_2)
+    planned = abs(slow_2)
+    envelope = axis.envelope * p.envelope_decay
+    if planned > envelope:
+        envelope = planned
+    moving = _smoothstep((envelope - STANDSTILL_M_S) / (MOVING_M_S - STANDSTILL_M_S))
     if p.gap is not None:
-        gap = backlash.step(gap, p.gap, speed, gravity_n, dt)
+        rate_before = gap.rate_m_s
+        gap = backlash.step(gap, p.gap, speed, moving, gravity_n, dt)
+        if p.accelerate:
+            accel_a += ap.accel_ff_a * (gap.rate_m_s - rate_before) / dt
         motor_ref = (speed + gap.rate_m_s) / ap.travel_per_rad_m
     else:
         motor_ref = speed / ap.travel_per_rad_m
     if not enabled:
+        # nobody leads the nut: arming starts from where it sits
+        gap = gap._replace(offset_m=flank_m, rate_m_s=0.0)
         terms = _new(
             AxisTerms,
             (error_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, gap.offset_m, 0),
@@ -131,8 +163,18 @@ def _rod(
         return terms, _AXIS, gap
     error = motor_ref - motor_rate
     p_a = p.speed_kp * error
-    friction_a = ap.friction_a * tanh(motor_ref / p.friction_smooth_rad_s) if ap.friction_a else 0.0
-    integral = axis.integral_a + p.speed_ki * error * dt
+    friction_a = 0.0
+    friction = axis.friction
+    if ap.friction_a:
+        # friction turns round with travel (presliding), not with speed: it holds on until the motor has really reversed
+        target = 1.0 if motor_ref > 0.0 else -1.0
+        friction = target + (friction - target) * exp(-abs(motor_ref) * dt / p.presliding_rad)
+        load_a = gap.force_n * ap.load_a_n
+        ratio = motor_ref / ap.stribeck_rad_s
+        level = ap.friction_a + ap.stiction_a * exp(-ratio * ratio) + ap.load_friction * abs(load_a)
+        friction_a = moving * (load_a + level * friction)
+    # at standstill a fast integral hunts between the two signs of stiction
+    integral = axis.integral_a + p.speed_ki * (STILL_SHARE + (1.0 - STILL_SHARE) * moving) * error * dt
     unlimited = p_a + integral + accel_a + friction_a
     limit = p.current_a
     current = limit if unlimited > limit else -limit if unlimited < -limit else unlimited
@@ -162,7 +204,112 @@ def _rod(
             bits,
         ),
     )
-    return terms, _new(AxisState, (speed, integral, bits)), gap
+    return terms, _new(AxisState, (speed, integral, bits, slow_1, slow_2, envelope, friction)), gap
+
+
+def reseed(state: LawState, p: LawParams, e: Estimate) -> LawState:
+    """The memory for another law ``p`` that takes over while moving: rods go on at the speed they have.
+
+    A law that follows the base by itself needs nothing; one without feed-forward must already have in its integral what it fed forward.
+    """
+    if p.observe or p.feedforward:
+        return state._replace(attitude_pitch=_ATTITUDE, attitude_roll=_ATTITUDE)
+    pitch_rate = state.axis_pitch.rod_speed / e.lever_pitch_m_rad
+    roll_rate = (state.axis_roll.rod_speed - e.lever_cross_m_rad * pitch_rate) / e.lever_roll_m_rad
+    return state._replace(
+        attitude_pitch=_ATTITUDE._replace(integral=pitch_rate), attitude_roll=_ATTITUDE._replace(integral=roll_rate)
+    )
+
+
+class _Wanted(NamedTuple):
+    """What a position loop asks of the joints and the rods."""
+
+    attitude_pitch: AttitudeState
+    attitude_roll: AttitudeState
+    ff_pitch: float
+    ff_roll: float
+    rod_pitch_m_s: float
+    rod_roll_m_s: float
+    planned_pitch_m_s: float
+    """The part of it that is fed forward."""
+    planned_roll_m_s: float
+    accel_pitch_a: float
+    accel_roll_a: float
+
+
+_NOTHING = _Wanted(_ATTITUDE, _ATTITUDE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _by_attitude(
+    state: LawState, p: LawParams, e: Estimate, r: Reference, error_pitch: float, error_roll: float, heading_rate: float,
+    base_x: float, base_y: float, accel_x: float, accel_y: float, gate: int,
+) -> _Wanted:  # fmt: skip
+    """Attitude PID on the IMU, with or without base-rate feed-forward."""
+    att_pitch, att_roll = state.attitude_pitch, state.attitude_roll
+    if e.attitude_dt_s > 0.0:
+        top = p.align_rate_rad_s if gate == ALIGN else p.rod_speed_m_s / p.radius_m
+        rate_error = r.pitch_rate_rad_s - e.platform_pitch_rate_rad_s
+        att_pitch = _attitude(att_pitch, p, error_pitch, rate_error, e.attitude_dt_s, state.axis_pitch.limited, top)
+        rate_error = r.roll_rate_rad_s - e.platform_roll_rate_rad_s
+        att_roll = _attitude(att_roll, p, error_roll, rate_error, e.attitude_dt_s, state.axis_roll.limited, top)
+    rate_pitch = att_pitch.p + att_pitch.integral + att_pitch.d + r.pitch_rate_rad_s
+    rate_roll = att_roll.p + att_roll.integral + att_roll.d + r.roll_rate_rad_s
+    if gate == ALIGN:
+        rate_pitch = _clip(rate_pitch, p.align_rate_rad_s)
+        rate_roll = _clip(rate_roll, p.align_rate_rad_s)
+    joint_pitch, joint_roll = e.joint_pitch_rad, e.joint_roll_rad
+    j11, j21, j22 = e.lever_pitch_m_rad, e.lever_cross_m_rad, e.lever_roll_m_rad
+    wx, wy, _ = euler_rates_to_body(-e.platform_roll_rad, e.platform_pitch_rad, -rate_roll, rate_pitch, heading_rate)
+    accel1 = accel2 = 0.0
+    if p.feedforward:
+        wx -= base_x
+        wy -= base_y
+    if p.accelerate:
+        accel_pitch, accel_roll = body_to_tilt_rates(joint_pitch, joint_roll, -accel_x, -accel_y, 0.0)
+        accel1 = p.pitch.accel_ff_a * j11 * accel_pitch
+        accel2 = p.roll.accel_ff_a * (j21 * accel_pitch + j22 * accel_roll)
+    dp, dr = body_to_tilt_rates(joint_pitch, joint_roll, wx, wy, state.azimuth_rate)
+    rod1, rod2 = j11 * dp, j21 * dp + j22 * dr
+    return _new(
+        _Wanted, (att_pitch, att_roll, dp - rate_pitch, dr - rate_roll, rod1, rod2, rod1, rod2, accel1, accel2)
+    )
+
+
+def _by_rods(
+    p: LawParams, e: Estimate, error_pitch: float, error_roll: float, pitch: float, roll: float, pitch_rate: float,
+    roll_rate: float, pitch_accel: float, roll_accel: float, lead_pitch_m: float, lead_roll_m: float, gate: int,
+) -> _Wanted:  # fmt: skip
+    """Rod position loop on the resolvers, towards joint angles that are given with their rates and accelerations."""
+    ref1, ref2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.static_radius_m)
+    k11, k21, k22 = jacobian(pitch, roll, ref1, ref2, p.height_m, p.radius_m, p.static_radius_m)
+    # the nut is led, by as much as the take-up wants it ahead of the rod
+    p1 = p.rod_kp * (ref1 - p.level_m + lead_pitch_m - e.screw_pitch_m)
+    p2 = p.rod_kp * (ref2 - p.level_m + lead_roll_m - e.screw_roll_m)
+    if gate == ALIGN:
+        top = p.align_rate_rad_s * p.radius_m
+        p1, p2 = _clip(p1, top), _clip(p2, top)
+    p_pitch = p1 / e.lever_pitch_m_rad
+    p_roll = (p2 - e.lever_cross_m_rad * p_pitch) / e.lever_roll_m_rad
+    planned1, planned2 = k11 * pitch_rate, k21 * pitch_rate + k22 * roll_rate
+    accel1 = accel2 = 0.0
+    if p.accelerate:
+        accel1 = p.pitch.accel_ff_a * k11 * pitch_accel
+        accel2 = p.roll.accel_ff_a * (k21 * pitch_accel + k22 * roll_accel)
+    return _new(
+        _Wanted,
+        (
+            _new(AttitudeState, (0.0, error_pitch, p_pitch, 0.0)),
+            _new(AttitudeState, (0.0, error_roll, p_roll, 0.0)),
+            pitch_rate,
+            roll_rate,
+            planned1 + p1,
+            planned2 + p2,
+            planned1,
+            planned2,
+            accel1,
+            accel2,
+        ),
+    )
 
 
 def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, gate: int) -> tuple[Output, LawState]:
@@ -178,80 +325,69 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
         error_roll = r.roll_rad - e.joint_roll_rad
         error_heading = r.heading_rad - e.azimuth_rad
 
-    att_pitch = att_roll = _ATTITUDE
-    ff_pitch = ff_roll = wanted1 = wanted2 = accel1 = accel2 = 0.0
+    lead1 = state.gap_pitch.offset_m if p.gap is not None else 0.0
+    lead2 = state.gap_roll.offset_m if p.gap is not None else 0.0
+    wanted = _NOTHING
     heading_integral = azimuth_wanted = azimuth_p = azimuth_ff = 0.0
     if gate >= ALIGN:
         limit = 0.25 * p.azimuth_rate_rad_s
-        heading_integral = state.heading_integral + p.heading_ki * error_heading * dt
-        heading_integral = limit if heading_integral > limit else max(heading_integral, -limit)
+        heading_integral = _clip(state.heading_integral + p.heading_ki * error_heading * dt, limit)
         azimuth_p = p.heading_kp * error_heading
         heading_rate = azimuth_p + heading_integral + r.heading_rate_rad_s
         if inertial:
-            att_pitch, att_roll = state.attitude_pitch, state.attitude_roll
-            if e.attitude_dt_s > 0.0:
-                top = p.align_rate_rad_s if gate == ALIGN else p.rod_speed_m_s / p.radius_m
-                rate_error = r.pitch_rate_rad_s - e.platform_pitch_rate_rad_s
-                att_pitch = _attitude(
-                    att_pitch, p, error_pitch, rate_error, e.attitude_dt_s, state.axis_pitch.limited, top
-                )
-                rate_error = r.roll_rate_rad_s - e.platform_roll_rate_rad_s
-                att_roll = _attitude(att_roll, p, error_roll, rate_error, e.attitude_dt_s, state.axis_roll.limited, top)
-            rate_pitch = att_pitch.p + att_pitch.integral + att_pitch.d + r.pitch_rate_rad_s
-            rate_roll = att_roll.p + att_roll.integral + att_roll.d + r.roll_rate_rad_s
-            if gate == ALIGN:
-                rate_pitch = _clip(rate_pitch, p.align_rate_rad_s)
-                rate_roll = _clip(rate_roll, p.align_rate_rad_s)
-            joint_pitch, joint_roll = e.joint_pitch_rad, e.joint_roll_rad
+            az = e.azimuth_rad
+            if p.observe:
+                pitch, roll = tilt_joints(e.base_pitch_rad, e.base_roll_rad, az, r.pitch_rad, r.roll_rad)
+            else:
+                pitch, roll = e.joint_pitch_rad, e.joint_roll_rad
+            base_x, base_y, base_z = base_rate_on_platform(
+                e.base_pitch_rad, e.base_roll_rad, e.base_pitch_rate_rad_s, e.base_roll_rate_rad_s, e.base_yaw_rate_rad_s,
+                az, pitch, roll,
+            )  # fmt: skip
+            accel_x = accel_y = 0.0
+            if p.accelerate:
+                accel_x, accel_y, _ = base_rate_on_platform(
+                    e.base_pitch_rad, e.base_roll_rad, e.base_pitch_accel_rad_s2, e.base_roll_accel_rad_s2, 0.0,
+                    az, pitch, roll,
+                )  # fmt: skip
             wx, wy, wz = euler_rates_to_body(
-                -e.platform_roll_rad, e.platform_pitch_rad, -rate_roll, rate_pitch, heading_rate
+                -e.platform_roll_rad, e.platform_pitch_rad, -r.roll_rate_rad_s, r.pitch_rate_rad_s, heading_rate
             )
-            wy_azimuth = wy
-            if p.feedforward:
-                wx -= e.base_rate_x_rad_s
-                wy -= e.base_rate_y_rad_s
-                if p.accel_ff_a[0]:
-                    accel_pitch, accel_roll = body_to_tilt_rates(
-                        joint_pitch, joint_roll, -e.base_accel_x_rad_s2, -e.base_accel_y_rad_s2, 0.0
-                    )
-                    accel1 = p.accel_ff_a[0] * j11 * accel_pitch
-                    accel2 = p.accel_ff_a[1] * (j21 * accel_pitch + j22 * accel_roll)
+            if p.observe:
+                dp, dr = body_to_tilt_rates(pitch, roll, wx - base_x, wy - base_y, state.azimuth_rate)
+                ddp, ddr = body_to_tilt_rates(pitch, roll, -accel_x, -accel_y, 0.0)
+                wanted = _by_rods(p, e, error_pitch, error_roll, pitch, roll, dp, dr, ddp, ddr, lead1, lead2, gate)
+            else:
+                wanted = _by_attitude(
+                    state, p, e, r, error_pitch, error_roll, heading_rate, base_x, base_y, accel_x, accel_y, gate
+                )
             if p.heading_feedforward:
-                wz -= e.base_rate_z_rad_s
-                wy_azimuth -= e.base_rate_y_rad_s
-            azimuth_wanted = (wz * cos(joint_roll) - wy_azimuth * sin(joint_roll)) / cos(joint_pitch)
+                wz -= base_z
+                wy -= base_y
+            azimuth_wanted = (wz * cos(roll) - wy * sin(roll)) / cos(pitch)
             azimuth_ff = azimuth_wanted - azimuth_p - heading_integral
-            dp, dr = body_to_tilt_rates(joint_pitch, joint_roll, wx, wy, state.azimuth_rate)
-            ff_pitch, ff_roll = dp - rate_pitch, dr - rate_roll
-            wanted1 = j11 * dp
-            wanted2 = j21 * dp + j22 * dr
         else:
-            ref1, ref2 = rod_lengths(r.pitch_rad, r.roll_rad, p.height_m, p.radius_m, p.radius_m)
-            k11, k21, k22 = jacobian(r.pitch_rad, r.roll_rad, ref1, ref2, p.height_m, p.radius_m, p.radius_m)
-            ff_pitch, ff_roll = r.pitch_rate_rad_s, r.roll_rate_rad_s
-            p1 = p.rod_kp * (ref1 - p.level_m - e.rod_pitch_m)
-            p2 = p.rod_kp * (ref2 - p.level_m - e.rod_roll_m)
-            if gate == ALIGN:
-                p1 = _clip(p1, p.align_rate_rad_s * p.radius_m)
-                p2 = _clip(p2, p.align_rate_rad_s * p.radius_m)
-            wanted1 = k11 * ff_pitch + p1
-            wanted2 = k21 * ff_pitch + k22 * ff_roll + p2
-            p_pitch = p1 / j11
-            att_pitch = AttitudeState(0.0, error_pitch, p_pitch, 0.0)
-            att_roll = AttitudeState(0.0, error_roll, (p2 - j21 * p_pitch) / j22, 0.0)
+            wanted = _by_rods(
+                p, e, error_pitch, error_roll, r.pitch_rad, r.roll_rad, r.pitch_rate_rad_s, r.roll_rate_rad_s, 0.0, 0.0,
+                lead1, lead2, gate,
+            )
             azimuth_ff, azimuth_wanted = r.heading_rate_rad_s, heading_rate
 
     gravity1 = gravity2 = 0.0
     if p.gap is not None:
         gravity1, gravity2 = backlash.gravity_forces(p.gap, e.platform_pitch_rad, e.platform_roll_rad, j11, j21, j22)
     enabled = gate != OFF
-    pitch, axis_pitch, gap_pitch = _rod(
-        state.axis_pitch, p.pitch, p, state.gap_pitch, att_pitch, error_pitch, ff_pitch, wanted1, accel1, gravity1,
-        e.rod_pitch_m, e.motor_pitch_rate_rad_s, dt, enabled,
+    pitch_terms, axis_pitch, gap_pitch = _rod(
+        state.axis_pitch, p.pitch, p, state.gap_pitch, wanted.attitude_pitch, error_pitch, wanted.ff_pitch,
+        wanted.rod_pitch_m_s, wanted.planned_pitch_m_s, wanted.accel_pitch_a, gravity1, e.rod_pitch_m,
+        e.screw_pitch_m - e.rod_pitch_m, e.motor_pitch_rate_rad_s,
+        dt, enabled,
     )  # fmt: skip
-    roll, axis_roll, gap_roll = _rod(
-        state.axis_roll, p.roll, p, state.gap_roll, att_roll, error_roll, ff_roll, wanted2, accel2, gravity2,
-        e.rod_roll_m, e.motor_roll_rate_rad_s, dt, enabled,
+    roll_terms, axis_roll, gap_roll = _rod(
+        state.axis_roll, p.roll, p, state.gap_roll, wanted.attitude_roll, error_roll, wanted.ff_roll,
+        wanted.rod_roll_m_s, wanted.planned_roll_m_s, wanted.accel_roll_a, gravity2, e.rod_roll_m,
+        e.screw_roll_m - e.rod_roll_m, e.motor_roll_rate_rad_s,
+        dt, enabled,
     )  # fmt: skip
     azimuth_rate, azimuth_bits = limit_rate(
         azimuth_wanted,
@@ -271,6 +407,16 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
         AzimuthTerms,
         (error_heading, azimuth_p, heading_integral, azimuth_ff, azimuth_wanted, azimuth_rate, azimuth_bits),
     )
-    return _new(Output, (pitch, roll, azimuth)), _new(
-        LawState, (att_pitch, att_roll, axis_pitch, axis_roll, gap_pitch, gap_roll, heading_integral, azimuth_rate)
+    return _new(Output, (pitch_terms, roll_terms, azimuth)), _new(
+        LawState,
+        (
+            wanted.attitude_pitch,
+            wanted.attitude_roll,
+            axis_pitch,
+            axis_roll,
+            gap_pitch,
+            gap_roll,
+            heading_integral,
+            azimuth_rate,
+        ),
     )

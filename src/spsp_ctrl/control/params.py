@@ -5,7 +5,8 @@ from __future__ import annotations
 from math import exp, pi, radians
 from typing import NamedTuple
 
-from spsp_ctrl.config.rig import Actuator, CascadeGains, RigConfig
+from spsp_ctrl.config.rig import Actuator, BaseObserver, RigConfig, StabiliserTerms
+from spsp_ctrl.control.base_observer import BaseGains
 
 
 class AxisParams(NamedTuple):
@@ -14,12 +15,22 @@ class AxisParams(NamedTuple):
     rad_per_count: float
     travel_per_rad_m: float
     """Rod travel per motor angle."""
+    screw_per_rad: float
+    """Screw angle per motor angle."""
     zero_offset_m: float
     velocity_mode: bool
     torque_to_accel: float
     """Motor acceleration per ampere, Kt/J."""
+    accel_ff_a: float
+    """Current per rod acceleration, A s2/m."""
     friction_a: float
     """Coulomb friction as a current; zero when the compensation is off."""
+    stiction_a: float
+    """What break-away adds to it."""
+    stribeck_rad_s: float
+    load_a_n: float
+    """Current per rod force; zero when the compensation is off."""
+    load_friction: float
 
 
 class GapParams(NamedTuple):
@@ -37,12 +48,43 @@ class GapParams(NamedTuple):
     time_constant_s: float
 
 
+class LagStep(NamedTuple):
+    """A first-order lag over one period: weights of its old output, its old input and its new input."""
+
+    keep: float
+    old: float
+    new: float
+
+
+def lag_step(tau_s: float, dt: float) -> LagStep:
+    """Exact for an input that moves linearly over ``dt``."""
+    if tau_s <= 0.0:
+        return LagStep(0.0, 0.0, 1.0)
+    keep = exp(-dt / tau_s)
+    new = 1.0 - tau_s / dt * (1.0 - keep)
+    return LagStep(keep, 1.0 - keep - new, new)
+
+
+class WatchParams(NamedTuple):
+    """What the watch over the law needs (``control.watch``)."""
+
+    corner_share: float
+    """Share of a low-pass at the corner in one period."""
+    window_share: float
+    frame_share: float
+    """The same at the IMU rate."""
+    window_s: float
+    chatter_a2: float
+    divergence_rad2: float
+
+
 class LawParams(NamedTuple):
     """Everything the estimator and the law need."""
 
     period_s: float
     height_m: float
     radius_m: float
+    static_radius_m: float
     level_m: float
     pitch: AxisParams
     roll: AxisParams
@@ -55,8 +97,14 @@ class LawParams(NamedTuple):
     imu_delay_s: float
     attitude_lag_s: float
     gyro_lag_s: float
-    gyro_lag_decay: float
-    """Decay of that lag over one period."""
+    attitude_lag: LagStep
+    gyro_lag: LagStep
+    base: BaseGains
+    lead_s: float
+    screw_rate: float
+    """LMS step of the screw map per IMU frame; zero when it is off."""
+    screw_speed_m_s: float
+    screw_limit_m: float
     l_angle: float
     l_speed: float
     l_disturbance: float
@@ -65,17 +113,19 @@ class LawParams(NamedTuple):
     td: float
     rod_kp: float
     feedforward: bool
-    l_rate: float
-    l_accel: float
-    lead_s: float
-    accel_ff_a: tuple[float, float]
-    """Current per rod acceleration; zero when the feed-forward is off."""
+    accelerate: bool
+    observe: bool
+    """Rods follow the observed base tilt, instead of the attitude PID."""
     speed_kp: float
     speed_ki: float
     heading_kp: float
     heading_ki: float
     heading_feedforward: bool
-    friction_smooth_rad_s: float
+    presliding_rad: float
+    """Motor travel over which its friction turns round."""
+    envelope_share: float
+    envelope_decay: float
+    """Decay over one period of the envelope that tells motion from standstill."""
     rod_speed_m_s: float
     rod_accel_m_s2: float
     rod_min_m: float
@@ -88,35 +138,101 @@ class LawParams(NamedTuple):
     align_rate_rad_s: float
 
 
+ENVELOPE_S = 4.0
+ENVELOPE_SMOOTHING_S = 0.12
+
+PLAIN = StabiliserTerms(base_rate=False, acceleration=False, base_observer=False, screw_map=False)
+"""The paper's cascade has none of the stabiliser's terms."""
+
+
+def base_gains(base: BaseObserver, attitude_lag_s: float, gyro_lag_s: float) -> BaseGains:
+    """Gains of the base observer in SI."""
+    attitude, gyro, adaptive = base.attitude, base.gyro, base.adaptive
+    return BaseGains(
+        attitude.l_angle,
+        attitude.l_rate_1_s,
+        attitude.l_accel_1_s2,
+        gyro.l_angle_s,
+        gyro.l_rate,
+        gyro.l_accel_1_s,
+        base.yaw.l_rate,
+        base.yaw.l_accel_1_s,
+        attitude_lag_s,
+        gyro_lag_s,
+        adaptive.enabled,
+        adaptive.memory_s,
+        radians(adaptive.rate_floor_deg_s),
+        2.0 * pi / adaptive.period_min_s,
+    )
+
+
+def watch_params(config: RigConfig) -> WatchParams:
+    """Thresholds squared, time constants as shares."""
+    w = config.control.watch
+    never = float("inf")
+    return WatchParams(
+        1.0 - exp(-2.0 * pi * w.corner_hz / config.rate_hz),
+        1.0 - exp(-1.0 / (w.window_s * config.rate_hz)),
+        1.0 - exp(-1.0 / (w.window_s * config.imu.rate_hz)),
+        w.window_s,
+        w.chatter_a**2 if w.enabled else never,
+        radians(w.divergence_arcmin / 60.0) ** 2 if w.enabled else never,
+    )
+
+
+def law_ladder(config: RigConfig) -> tuple[LawParams, ...]:
+    """The configured law, and the plainer ones that take over when it chatters or diverges."""
+    if config.control.law == "cascade":
+        return (law_params(config),)
+    plain = config.model_copy(update={"control": config.control.model_copy(update={"law": "cascade"})})
+    ladder = (law_params(config), law_params(plain))
+    performance = config.control.stabiliser.performance
+    if not performance.enabled:
+        return ladder
+    stiff = ladder[0]._replace(
+        speed_kp=performance.speed.kp_a_s_rad, speed_ki=performance.speed.ki_a_rad, rod_kp=performance.rod
+    )
+    return (stiff, *ladder)
+
+
 def law_params(config: RigConfig) -> LawParams:
     """Collect and convert."""
-    gains: CascadeGains = getattr(config.control, config.control.law)
+    control = config.control
+    gains = control.stabiliser if control.law == "stabiliser" else control.cascade
+    terms = control.stabiliser.terms if control.law == "stabiliser" else PLAIN
+    imu, screw = config.imu, control.screw_map
     limits, thermal, gap = config.limits, config.compensation.thermal, config.compensation.backlash
     friction = config.compensation.friction
     actuators = (config.pitch_actuator, config.roll_actuator)
-    base = gains.base_rate
 
     def axis(actuator: Actuator) -> AxisParams:
+        travel = actuator.screw_lead_mm * 1e-3 / (2.0 * pi * actuator.gear_ratio)
+        gain = actuator.torque_constant_nm_a / actuator.rotor_inertia_kg_m2
+        per_nm = 1.0 / actuator.torque_constant_nm_a if friction.enabled else 0.0
         return AxisParams(
             rad_per_count=2.0 * pi / 2**actuator.resolver_bits,
-            travel_per_rad_m=actuator.screw_lead_mm * 1e-3 / (2.0 * pi * actuator.gear_ratio),
+            travel_per_rad_m=travel,
+            screw_per_rad=1.0 / actuator.gear_ratio,
             zero_offset_m=actuator.zero_offset_um * 1e-6,
             velocity_mode=actuator.mode == "velocity",
-            torque_to_accel=actuator.torque_constant_nm_a / actuator.rotor_inertia_kg_m2,
-            friction_a=actuator.friction_nm / actuator.torque_constant_nm_a if friction.enabled else 0.0,
+            torque_to_accel=gain,
+            accel_ff_a=1.0 / (gain * travel),
+            friction_a=actuator.friction_nm * per_nm,
+            stiction_a=max(0.0, actuator.static_friction_nm - actuator.friction_nm) * per_nm,
+            stribeck_rad_s=actuator.stribeck_rad_s,
+            load_a_n=travel * per_nm,
+            load_friction=actuator.load_friction,
         )
 
     pitch, roll = axis(actuators[0]), axis(actuators[1])
-    accel = tuple(
-        1.0 / (a.torque_to_accel * a.travel_per_rad_m) if gains.accel_feedforward else 0.0 for a in (pitch, roll)
-    )
     margin = limits.travel_margin_mm
     gravity_n = gap.moving_mass_kg * 9.80665
     return LawParams(
         period_s=1.0 / config.rate_hz,
-        height_m=config.geometry.column_height_mm * 1e-3,
-        radius_m=config.geometry.moving_radius_mm * 1e-3,
-        level_m=config.geometry.column_height_mm * 1e-3,
+        height_m=config.mechanism.height_m,
+        radius_m=config.mechanism.moving_radius_m,
+        static_radius_m=config.mechanism.static_radius_m,
+        level_m=config.mechanism.level_m,
         pitch=pitch,
         roll=roll,
         gap=GapParams(
@@ -140,7 +256,13 @@ def law_params(config: RigConfig) -> LawParams:
         imu_delay_s=config.imu.delay_ms * 1e-3,
         attitude_lag_s=config.imu.attitude_lag_ms * 1e-3,
         gyro_lag_s=config.imu.gyro_lag_ms * 1e-3,
-        gyro_lag_decay=exp(-1e3 / (config.rate_hz * config.imu.gyro_lag_ms)) if config.imu.gyro_lag_ms > 0.0 else 0.0,
+        attitude_lag=lag_step(imu.attitude_lag_ms * 1e-3, 1.0 / config.rate_hz),
+        gyro_lag=lag_step(imu.gyro_lag_ms * 1e-3, 1.0 / config.rate_hz),
+        base=base_gains(control.base, imu.attitude_lag_ms * 1e-3, imu.gyro_lag_ms * 1e-3),
+        lead_s=control.base.lead_ms * 1e-3,
+        screw_rate=screw.rate if terms.screw_map else 0.0,
+        screw_speed_m_s=screw.speed_mm_s * 1e-3,
+        screw_limit_m=screw.limit_um * 1e-6,
         l_angle=config.control.observer.l_angle,
         l_speed=config.control.observer.l_speed_1_s,
         l_disturbance=config.control.observer.l_disturbance_1_s2,
@@ -148,25 +270,25 @@ def law_params(config: RigConfig) -> LawParams:
         ki=gains.attitude.ki_1_s2,
         td=gains.attitude.td_s,
         rod_kp=gains.rod,
-        feedforward=base is not None,
-        l_rate=base.l_rate if base else 0.0,
-        l_accel=base.l_accel_1_s if base else 0.0,
-        lead_s=base.lead_ms * 1e-3 if base else 0.0,
-        accel_ff_a=(accel[0], accel[1]),
-        speed_kp=config.control.speed.kp_a_s_rad,
-        speed_ki=config.control.speed.ki_a_rad,
+        feedforward=terms.base_rate,
+        accelerate=terms.acceleration,
+        observe=terms.base_observer,
+        speed_kp=gains.speed.kp_a_s_rad,
+        speed_ki=gains.speed.ki_a_rad,
         heading_kp=config.control.heading.kp_1_s,
         heading_ki=config.control.heading.ki_1_s2,
         heading_feedforward=config.control.heading.base_rate_feedforward,
-        friction_smooth_rad_s=friction.smooth_rad_s,
+        presliding_rad=friction.presliding_mrad * 1e-3,
+        envelope_share=1.0 - exp(-1.0 / (config.rate_hz * ENVELOPE_SMOOTHING_S)),
+        envelope_decay=exp(-1.0 / (config.rate_hz * ENVELOPE_S)),
         rod_speed_m_s=limits.rod_speed_mm_s * 1e-3,
         rod_accel_m_s2=limits.rod_accel_mm_s2 * 1e-3,
-        rod_min_m=(config.geometry.stroke_min_mm + margin) * 1e-3,
-        rod_max_m=(config.geometry.stroke_max_mm - margin) * 1e-3,
+        rod_min_m=(config.mechanism.stroke_min_mm + margin) * 1e-3,
+        rod_max_m=(config.mechanism.stroke_max_mm - margin) * 1e-3,
         current_a=limits.current_a,
         azimuth_rate_rad_s=radians(limits.azimuth_rate_deg_s),
         azimuth_accel_rad_s2=radians(limits.azimuth_accel_deg_s2),
-        azimuth_min_rad=-radians(config.geometry.azimuth_limit_deg),
-        azimuth_max_rad=radians(config.geometry.azimuth_limit_deg),
+        azimuth_min_rad=-radians(config.mechanism.azimuth_limit_deg),
+        azimuth_max_rad=radians(config.mechanism.azimuth_limit_deg),
         align_rate_rad_s=radians(limits.align_rate_deg_s),
     )

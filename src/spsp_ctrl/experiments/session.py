@@ -5,19 +5,23 @@ from __future__ import annotations
 import json
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from spsp_ctrl.config.loader import dump_resolved
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments import summary as figures
 from spsp_ctrl.messages import Control, Measurement, OperatorRequest, Timing, Truth
-from spsp_ctrl.recording.reader import LogData, read_log
+from spsp_ctrl.recording.reader import LogData, LogError, read_log
+from spsp_ctrl.recording.schema import TOPICS
 from spsp_ctrl.recording.writer import Recorder, RecorderStats
 from spsp_ctrl.rig.base import Rig
 from spsp_ctrl.rig.factory import build_rig
@@ -53,6 +57,9 @@ class Watcher:
     def event(self, text: str, t_s: float) -> None:
         """Something happened."""
 
+    def recording(self, counts: Callable[[], tuple[int, int]]) -> None:
+        """Where to ask how many records were handed over and lost."""
+
 
 class _Watched:
     """A recorder that also tells the watcher."""
@@ -86,6 +93,8 @@ class SessionResult:
 def new_folder(out: Path | None) -> Path:
     """``out``, or ``runs/<UTC>`` in the working folder. Raises ``OSError`` (``FileExistsError`` for a folder that already holds a run)."""
     if out is not None:
+        if out.exists() and not out.is_dir():
+            raise NotADirectoryError(f"{out}: is a file, not a folder; choose another run folder")
         out.mkdir(parents=True, exist_ok=True)
         if (out / LOG_NAME).exists():
             raise FileExistsError(f"{out} already holds a run ({LOG_NAME}); choose another folder")
@@ -117,9 +126,9 @@ def interruptible() -> Iterator[Interrupts]:
             signal.signal(number, handler)
 
 
-def prepare(plan: Plan) -> Rig:
+def prepare(plan: Plan, announce: Callable[[str], None] = lambda text: None) -> Rig:
     """Build and open the rig: everything that can be refused is refused here, before a folder exists and before a clock starts."""
-    rig = build_rig(plan.config, plan.model_path, plan.scenario, plan.seed, real_time=plan.real_time)
+    rig = build_rig(plan.config, plan.model_path, plan.scenario, plan.seed, real_time=plan.real_time, announce=announce)
     rig.open()
     return rig
 
@@ -135,8 +144,10 @@ def run_session(
     config, scenario = plan.config, plan.scenario
     period_ns = round(1e9 / config.rate_hz)
     identity = rig.open()
+    # the files beside it under their names there, so that the folder itself can be run again
+    own = config.model_copy(update={"scenario": "scenario.yaml", "rig": config.rig.model_copy(update={"model": "model.yaml"})})
     files = {
-        "rig.yaml": dump_resolved(config),
+        "rig.yaml": dump_resolved(own),
         "scenario.yaml": dump_resolved(scenario),
         "model.yaml": plan.model_path.read_text(encoding="utf-8"),
     }
@@ -159,7 +170,14 @@ def run_session(
     }
     recorder = Recorder(folder / LOG_NAME, real_time=plan.real_time, attachments=files, metadata={"run": about, "versions": versions()})
     watched = _Watched(recorder, watcher) if watcher is not None else recorder
-    clock = MonotonicClock(period_ns) if plan.real_time else LockStepClock(period_ns)
+    if watcher is not None:
+        watcher.recording(recorder.counts)
+
+    def started(origin_ns: int) -> None:
+        utc_ns = time.time_ns() - (time.monotonic_ns() - origin_ns)
+        recorder.metadata("clock", {"monotonic_ns": str(origin_ns), "utc_ns": str(utc_ns)})
+
+    clock = MonotonicClock(period_ns, started) if plan.real_time else LockStepClock(period_ns)
     controller = cycle.controller(config)
     state = cycle.start(config, scenario.reference)
     announce(f"running {scenario.name} for {scenario.duration_s:g} s ({mode})")
@@ -183,11 +201,23 @@ def run_session(
         rig.close()
         recorder.metadata("result", {"realtime_granted": json.dumps(realtime.granted)})
         stats = recorder.close()
-    log = read_log(folder / LOG_NAME)
+    log, stats = _read_back(folder / LOG_NAME, stats)
     summary = summarise(plan, log, result, realtime.granted, stats)
     text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
     (folder / "summary.json").write_text(text, encoding="utf-8")
     return SessionResult(folder, summary, log, result)
+
+
+def _read_back(path: Path, stats: RecorderStats) -> tuple[LogData, RecorderStats]:
+    """What really is in the file, and how much that was handed over is not: a writer that died took what was on its way to it."""
+    try:
+        log = read_log(path)
+    except LogError as error:
+        log = LogData(path, {}, {}, [], [], {}, {}, False, str(error))
+    log = replace(log, topics={topic: np.zeros(0, codec.dtype) for topic, codec in TOPICS.items()} | log.topics)
+    kept = sum(map(len, log.topics.values())) + len(log.events) + len(log.operator)
+    lost = stats.records + stats.lost - kept
+    return log, RecorderStats(kept, lost, stats.problem or log.problem)
 
 
 def summarise(

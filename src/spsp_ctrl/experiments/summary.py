@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from spsp_ctrl.config.scenario import Acceptance
 from spsp_ctrl.messages import Mode, ReferenceKind
+from spsp_ctrl.recording.schema import TOPICS
 
 ARCMIN_PER_RAD = 10800.0 / np.pi
 DEG_PER_RAD = 180.0 / np.pi
@@ -83,6 +84,21 @@ def timing(topics: Topics) -> Figures:
         }
     figures["skipped"] = int(rows["skipped"].sum()) if len(rows) else 0
     return figures
+
+
+def names() -> tuple[str, ...]:
+    """Every figure that a summary can hold, as dotted paths: what an acceptance row may name."""
+    empty = {topic: np.zeros(0, codec.dtype) for topic, codec in TOPICS.items()}
+    figures = errors(empty, 0.0, 0.0) | {"timing_us": timing(empty), "log": {"records": 0, "lost": 0}, "duration_s": 0.0}
+
+    def walk(node: Figures, prefix: str) -> Iterator[str]:
+        for key, value in node.items():
+            if isinstance(value, dict):
+                yield from walk(value, f"{prefix}{key}.")
+            else:
+                yield prefix + key
+
+    return tuple(walk(figures, ""))
 
 
 def look_up(figures: Figures, path: str) -> float | None:

@@ -192,6 +192,58 @@ def body_to_joint_rates(pitch: float, roll: float, wx: float, wy: float, wz: flo
     return cr * wy + sr * wz, -(wx + sin(pitch) * azimuth_rate), azimuth_rate
 
 
+def body_to_joint_accels(
+    pitch: float,
+    roll: float,
+    pitch_rate: float,
+    roll_rate: float,
+    azimuth_rate: float,
+    ax: float,
+    ay: float,
+    az: float,
+) -> Vector:
+    """Joint accelerations (pitch, roll, azimuth) from the angular acceleration of the platform relative to the base,
+    platform axes (the time derivative of the components that :func:`joint_rates_to_body` gives).
+
+    Singular at pitch = +-pi/2, far outside the travel.
+    """
+    cp, sp = cos(pitch), sin(pitch)
+    cr, sr = cos(roll), sin(roll)
+    # what the turning of the joint axes contributes at constant joint rates
+    bx = ax + cp * pitch_rate * azimuth_rate
+    by = ay + (cr * cp * roll_rate - sr * sp * pitch_rate) * azimuth_rate + sr * roll_rate * pitch_rate
+    bz = az + (sr * cp * roll_rate + cr * sp * pitch_rate) * azimuth_rate - cr * roll_rate * pitch_rate
+    azimuth_accel = (cr * bz - sr * by) / cp
+    return cr * by + sr * bz, -(bx + sp * azimuth_accel), azimuth_accel
+
+
+def joint_accels_to_body(
+    pitch: float,
+    roll: float,
+    pitch_rate: float,
+    roll_rate: float,
+    azimuth_rate: float,
+    pitch_accel: float,
+    roll_accel: float,
+    azimuth_accel: float,
+) -> Vector:
+    """Time derivative of the components that :func:`joint_rates_to_body` gives; inverse of
+    :func:`body_to_joint_accels`."""
+    cp, sp = cos(pitch), sin(pitch)
+    cr, sr = cos(roll), sin(roll)
+    return (
+        -sp * azimuth_accel - roll_accel - cp * pitch_rate * azimuth_rate,
+        -sr * cp * azimuth_accel
+        + cr * pitch_accel
+        - (cr * cp * roll_rate - sr * sp * pitch_rate) * azimuth_rate
+        - sr * roll_rate * pitch_rate,
+        cr * cp * azimuth_accel
+        + sr * pitch_accel
+        - (sr * cp * roll_rate + cr * sp * pitch_rate) * azimuth_rate
+        + cr * roll_rate * pitch_rate,
+    )
+
+
 def body_to_tilt_rates(pitch: float, roll: float, wx: float, wy: float, azimuth_rate: float) -> tuple[float, float]:
     """Joint rates (pitch, roll) that give the platform ``wx`` and ``wy`` while azimuth turns at a given rate.
 
@@ -199,6 +251,27 @@ def body_to_tilt_rates(pitch: float, roll: float, wx: float, wy: float, azimuth_
     """
     pitch_rate = (wy + azimuth_rate * sin(roll) * cos(pitch)) / cos(roll)
     return pitch_rate, -(wx + azimuth_rate * sin(pitch))
+
+
+def body_to_tilt_accels(
+    pitch: float,
+    roll: float,
+    pitch_rate: float,
+    roll_rate: float,
+    azimuth_rate: float,
+    ax: float,
+    ay: float,
+    azimuth_accel: float,
+) -> tuple[float, float]:
+    """Joint accelerations (pitch, roll) that give the platform ``ax`` and ``ay`` (derivatives of ``wx`` and ``wy``) while
+    azimuth moves by itself; to :func:`body_to_tilt_rates` as :func:`body_to_joint_accels` is to
+    :func:`body_to_joint_rates`.
+    """
+    cp, sp = cos(pitch), sin(pitch)
+    cr, sr = cos(roll), sin(roll)
+    bx = ax + cp * pitch_rate * azimuth_rate
+    by = ay + (cr * cp * roll_rate - sr * sp * pitch_rate) * azimuth_rate + sr * roll_rate * pitch_rate
+    return (by + sr * cp * azimuth_accel) / cr, -(bx + sp * azimuth_accel)
 
 
 def euler_rates_to_body(

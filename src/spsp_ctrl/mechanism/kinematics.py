@@ -55,3 +55,74 @@ def jacobian(
     j21 = upper_m * height_m * sin_r * sin_p / l2_m
     j22 = upper_m * (lower_m * sin_r - height_m * cos_r * cos_p) / l2_m
     return j11, j21, j22
+
+
+def jacobian_rate(
+    pitch_rad: float,
+    roll_rad: float,
+    pitch_rad_s: float,
+    roll_rad_s: float,
+    l1_m: float,
+    l2_m: float,
+    height_m: float,
+    upper_m: float,
+    lower_m: float,
+) -> tuple[float, float, float]:
+    """Time derivative of :func:`jacobian` in m/(rad s): each element is ``numerator / length``, and so is its derivative
+    ``(numerator' - element * length') / length``.
+    """
+    sin_p, cos_p = sin(pitch_rad), cos(pitch_rad)
+    sin_r, cos_r = sin(roll_rad), cos(roll_rad)
+    j11 = upper_m * (lower_m * sin_p - height_m * cos_p) / l1_m
+    j21 = upper_m * height_m * sin_r * sin_p / l2_m
+    j22 = upper_m * (lower_m * sin_r - height_m * cos_r * cos_p) / l2_m
+    l1_rate = j11 * pitch_rad_s
+    l2_rate = j21 * pitch_rad_s + j22 * roll_rad_s
+    n11_rate = upper_m * (lower_m * cos_p + height_m * sin_p) * pitch_rad_s
+    n21_rate = upper_m * height_m * (cos_r * sin_p * roll_rad_s + sin_r * cos_p * pitch_rad_s)
+    n22_rate = upper_m * (
+        (lower_m * cos_r + height_m * sin_r * cos_p) * roll_rad_s + height_m * cos_r * sin_p * pitch_rad_s
+    )
+    return (n11_rate - j11 * l1_rate) / l1_m, (n21_rate - j21 * l2_rate) / l2_m, (n22_rate - j22 * l2_rate) / l2_m
+
+
+def rod_motion(
+    pitch_rad: float,
+    roll_rad: float,
+    pitch_rad_s: float,
+    roll_rad_s: float,
+    pitch_rad_s2: float,
+    roll_rad_s2: float,
+    height_m: float,
+    upper_m: float,
+    lower_m: float,
+) -> tuple[float, float, float, float, float, float]:
+    """Lengths (m), speeds (m/s) and accelerations (m/s^2) of both rods, ``(l1, l2, l1', l2', l1'', l2'')``, for a motion of the joints:
+    ``l' = J q'`` and ``l'' = J q'' + J' q'``.
+    """
+    l1, l2 = rod_lengths(pitch_rad, roll_rad, height_m, upper_m, lower_m)
+    j11, j21, j22 = jacobian(pitch_rad, roll_rad, l1, l2, height_m, upper_m, lower_m)
+    d11, d21, d22 = jacobian_rate(
+        pitch_rad, roll_rad, pitch_rad_s, roll_rad_s, l1, l2, height_m, upper_m, lower_m
+    )
+    return (
+        l1,
+        l2,
+        j11 * pitch_rad_s,
+        j21 * pitch_rad_s + j22 * roll_rad_s,
+        j11 * pitch_rad_s2 + d11 * pitch_rad_s,
+        j21 * pitch_rad_s2 + j22 * roll_rad_s2 + d21 * pitch_rad_s + d22 * roll_rad_s,
+    )
+
+
+def jacobian_gains(j11: float, j21: float, j22: float) -> tuple[float, float]:
+    """Largest and smallest singular value (m/rad) of the Jacobian ``((j11, 0), (j21, j22))``.
+
+    The smallest is the rod travel per rad in the worst direction: a rod error counts most there. Their ratio,
+    smallest over largest, is the conditioning: 1 in the best case, 0 at a singularity. Without cancellation:
+    ``(s1 +- s2)^2 = (|j11| +- |j22|)^2 + j21^2`` and ``s1 s2 = |j11 j22|``.
+    """
+    total = abs(j11) + abs(j22)
+    apart = abs(j11) - abs(j22)
+    largest = 0.5 * (sqrt(total * total + j21 * j21) + sqrt(apart * apart + j21 * j21))
+    return largest, abs(j11 * j22) / largest

@@ -19,12 +19,14 @@ from typing import Any, TypeVar, cast
 F = TypeVar("F", bound=Callable[..., Any])
 
 PLANT = Path(__file__).resolve().parent
+MECHANISM_SOURCES = ("frames.py", "kinematics.py", "profile.py")
+"""What the plant uses of the mechanism; the design tools beside them do not concern the kernel."""
 
 
 def source_digest() -> str:
     """Digest of every source file that ends up in the kernel."""
     digest = hashlib.sha256()
-    for path in sorted([*PLANT.rglob("*.py"), *(PLANT.parent / "mechanism").glob("*.py")]):
+    for path in sorted([*PLANT.rglob("*.py"), *(PLANT.parent / "mechanism" / name for name in MECHANISM_SOURCES)]):
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

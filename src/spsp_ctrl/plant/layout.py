@@ -202,6 +202,6 @@ N_TRUTH = len(TRUTH)
 N_OUTPUT = N_TRUTH + len(SENSED)
 
 # ---- what is constant over one cycle: geometry and mass ------------------------------------------------------------------
-WORK = ("height", "upper", "lower", "level", "ixx", "iyy", "izz", "ixy", "ixz", "iyz", "mcx", "mcy", "mcz", "travel0_pitch", "travel0_roll")
+WORK = ("height", "upper", "lower", "level", "ixx", "iyy", "izz", "ixy", "ixz", "iyz", "mcx", "mcy", "mcz")
 W: Any = _indices("Work", WORK)
 N_WORK = len(WORK)

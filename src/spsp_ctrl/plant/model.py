@@ -17,10 +17,10 @@ from pydantic import Field
 
 from spsp_ctrl.config.loader import ConfigError, ConfigProblem, Loaded, load_yaml_model
 from spsp_ctrl.config.scenario import Strict
+from spsp_ctrl.config.units import SUFFIX, UNITS, spellings
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.effects import BY_NAME, EFFECTS, Effect, Parameter
 from spsp_ctrl.plant.layout import AXIS_BASE, AXIS_PARAMETERS, GLOBAL_BASE, GLOBAL_PARAMETERS, N_AXIS_PARAMETERS, N_PARAMETERS
-from spsp_ctrl.plant.units import SUFFIX, UNITS, spellings
 
 MODEL_SCHEMA = "spsp-ctrl/model/1"
 Location = tuple[str | int, ...]
@@ -30,8 +30,11 @@ class Quantity(Strict):
     """A number with its unit and where it comes from."""
 
     value: float
+    """The number."""
     unit: str
+    """Its unit, any of the same dimension."""
     source: str = ""
+    """Where it comes from."""
     std: float | None = Field(default=None, ge=0.0)
     """Standard deviation in the same unit, once identified."""
 
@@ -40,9 +43,11 @@ class EffectEntry(Strict):
     """One effect that acts."""
 
     effect: str
+    """Standard name."""
     axis: Literal["both", "pitch", "roll"] = "both"
     """Which actuator it acts on; ignored by effects of the whole rig."""
     parameters: dict[str, Quantity]
+    """Its parameters; what is not given is zero."""
 
 
 class ModelFile(Strict):
@@ -50,7 +55,9 @@ class ModelFile(Strict):
 
     schema_: Literal["spsp-ctrl/model/1"] = Field(alias="schema")
     name: str = Field(min_length=1, max_length=80)
+    """Name of the model."""
     kind: Literal["platform"] = "platform"
+    """What is modelled."""
     actuator: dict[str, Quantity]
     """Both actuators."""
     pitch_actuator: dict[str, Quantity] = Field(default_factory=dict)
@@ -60,6 +67,7 @@ class ModelFile(Strict):
     rig: dict[str, Quantity]
     """Mechanism, azimuth drive, temperatures, IMU."""
     effects: tuple[EffectEntry, ...] = ()
+    """What acts beside the ideal plant."""
 
 
 def key(parameter: Parameter, prefix: str = "") -> str:
@@ -176,12 +184,13 @@ def _impossible(file: ModelFile) -> Iterator[tuple[Location, str]]:
 def load_model(path: Path) -> PlantModel:
     """Read and check a model file. Raises ``ConfigError`` with one line per problem."""
     loaded: Loaded[ModelFile] = load_yaml_model(path, ModelFile, MODEL_SCHEMA)
-    problems = []
+    problems = {}
     for place, text in check(loaded.model):
         line, column = loaded.locate(place)
-        problems.append(ConfigProblem(path=path, line=line, column=column, message=f"{text} ({'.'.join(map(str, place))})"))
+        problem = ConfigProblem(path=path, line=line, column=column, message=f"{text} ({'.'.join(map(str, place))})")
+        problems[str(problem)] = problem  # said once, also where it concerns both actuators
     if problems:
-        raise ConfigError(tuple(sorted(problems, key=lambda problem: (problem.line, problem.column, problem.message))))
+        raise ConfigError(tuple(sorted(problems.values(), key=lambda problem: (problem.line, problem.column, problem.message))))
     return PlantModel(loaded.model, path)
 
 

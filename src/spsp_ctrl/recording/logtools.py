@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import difflib
 import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from spsp_ctrl.recording.reader import LogError, read_log, records
-from spsp_ctrl.recording.schema import JSON_TOPICS, TOPICS
+from spsp_ctrl.recording.schema import JSON_TOPICS
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +103,7 @@ def cat(path: Path, topic: str, fields: tuple[str, ...], start_s: float, end_s: 
 
 def export_csv(path: Path, topic: str, out: Path, fields: tuple[str, ...] = (), *, force: bool = False) -> int:
     """One topic as CSV, one column a field with its unit in the name; written whole or not at all. Returns the number of rows."""
-    if out.exists() and not force:
-        raise FileExistsError(f"{out} exists; give another name or --force")
+    _free(out, path, force)
     data = read_log(path)
     rows = _rows(data.topics, topic, path)
     names = _names(rows.dtype.names or (), fields, topic, path)
@@ -124,15 +124,12 @@ def repair(path: Path, out: Path, *, force: bool = False) -> tuple[int, str]:
     from mcap.records import Attachment, Channel, Message, Metadata, Schema
     from mcap.writer import CompressionType, Writer
 
-    if out.resolve() == path.resolve():
-        raise FileExistsError(f"{out} is the damaged log itself; give another name")
-    if out.exists() and not force:
-        raise FileExistsError(f"{out} exists; give another name or --force")
+    _free(out, path, force)
     part = out.with_name(out.name + ".part")
     kept, problem = 0, ""
     try:
         with part.open("wb") as stream:
-            writer = Writer(stream, chunk_size=64 * 1024, compression=CompressionType.LZ4)
+            writer = Writer(stream, chunk_size=64 * 1024, compression=CompressionType.LZ4, enable_data_crcs=True)
             writer.start(profile="ros2", library="spsp-ctrl repair")
             schemas: dict[int, int] = {0: 0}
             channels: dict[int, int] = {}
@@ -140,8 +137,10 @@ def repair(path: Path, out: Path, *, force: bool = False) -> tuple[int, str]:
             for record in records(path):
                 if isinstance(record, Schema) and record.id not in schemas:
                     schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-                elif isinstance(record, Channel) and record.id not in channels:
+                elif isinstance(record, Channel) and record.id not in channels and record.schema_id in schemas:
                     channels[record.id] = writer.register_channel(record.topic, record.message_encoding, schemas[record.schema_id])
+                elif isinstance(record, Message) and record.channel_id not in channels:
+                    problem = f"messages on an unknown channel {record.channel_id} were left out"
                 elif isinstance(record, Message):
                     writer.add_message(channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence)
                     kept += 1
@@ -151,7 +150,7 @@ def repair(path: Path, out: Path, *, force: bool = False) -> tuple[int, str]:
                     seen.add(record.name)
                     writer.add_metadata(record.name, dict(record.metadata))
                 elif isinstance(record, str):
-                    problem = record
+                    problem = problem or record
             writer.finish()
         os.replace(part, out)
     finally:
@@ -159,17 +158,24 @@ def repair(path: Path, out: Path, *, force: bool = False) -> tuple[int, str]:
     return kept, problem
 
 
+def _free(out: Path, path: Path, force: bool) -> None:
+    if out.resolve() == path.resolve():
+        raise FileExistsError(f"{out} is the log itself; give another name")
+    if out.exists() and not force:
+        raise FileExistsError(f"{out} exists; give another name or --force")
+
+
 def _rows(topics: dict[str, Any], topic: str, path: Path) -> Any:
+    if topic in JSON_TOPICS:
+        raise LogError(f"{path}: {topic} is text, not a table; see it with `spsp-ctrl log cat`")
     if topic not in topics:
-        known = ", ".join([*topics, *(t for t in JSON_TOPICS)]) or "nothing"
-        extra = "" if topic in TOPICS else "; topics start with a slash, e.g. /control"
-        raise LogError(f"{path}: no topic {topic!r}; this log has {known}{extra}")
+        known = [*topics, *JSON_TOPICS]
+        near = difflib.get_close_matches(topic, known, n=1, cutoff=0.4)
+        raise LogError(f"{path}: no topic {topic!r}; this log has {', '.join(known)}" + (f"; did you mean {near[0]!r}?" if near else ""))
     return topics[topic]
 
 
 def _names(known: tuple[str, ...], wanted: tuple[str, ...], topic: str, path: Path) -> list[str]:
-    import difflib
-
     for name in wanted:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.4)

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Footer, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, DataEnd, Footer, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
@@ -58,13 +57,16 @@ def records(path: Path) -> Iterator[Any]:
             what = "is empty" if not magic else "is not an MCAP log"
             raise LogError(f"{path}: {what}; a log of spsp-ctrl is called run.mcap")
         stream.seek(0)
-        finished = False
+        finished = in_summary = False
         try:
             for record in StreamReader(stream, emit_chunks=False, validate_crcs=True).records:
                 finished = finished or isinstance(record, Footer)
-                yield record
-        except (McapError, struct.error, EOFError, ValueError, RuntimeError, UnicodeDecodeError, OverflowError, MemoryError) as error:
-            yield f"{type(error).__name__}: {error}".rstrip(": ")
+                in_summary = in_summary or isinstance(record, DataEnd)
+                # the summary repeats what stood before the messages and has no checksum of its own here
+                if not (in_summary and isinstance(record, Schema | Channel)):
+                    yield record
+        except Exception as error:  # the parsers below have no common base for what damaged bytes make them raise
+            yield f"{type(error).__name__}: {error}".rstrip(": ").splitlines()[0]
             return
         if not finished:
             yield "the file ends before its index"
@@ -89,10 +91,11 @@ def read_log(path: Path, topics: tuple[str, ...] | None = None) -> LogData:
                 payloads[topic].append(record.data)
                 times[topic].append(record.log_time)
             elif topic in texts:
-                try:
-                    texts[topic].append(json.loads(record.data))
-                except ValueError:
-                    problem = problem or f"a message on {topic} is not JSON"
+                row = _json_row(record.data, JSON_TOPICS[topic]["required"])
+                if row is None:
+                    problem = problem or f"a message on {topic} is not JSON of its schema"
+                else:
+                    texts[topic].append(row)
             else:
                 others[topic] = others.get(topic, 0) + 1
         elif isinstance(record, Schema):
@@ -108,7 +111,7 @@ def read_log(path: Path, topics: tuple[str, ...] | None = None) -> LogData:
         elif isinstance(record, Metadata):
             metadata[record.name] = dict(record.metadata)
         elif isinstance(record, str):
-            problem = record
+            problem = problem or record
     arrays = {}
     for topic, items in payloads.items():
         dtype = TOPICS[topic].dtype
@@ -127,6 +130,14 @@ def read_log(path: Path, topics: tuple[str, ...] | None = None) -> LogData:
         problem,
         others,
     )
+
+
+def _json_row(data: bytes, required: list[str]) -> dict[str, Any] | None:
+    try:
+        row = json.loads(data)
+    except ValueError:
+        return None
+    return row if isinstance(row, dict) and set(required) <= row.keys() else None
 
 
 def _same_layout(path: Path, topic: str, codec: Codec, schema: Schema | None) -> None:
@@ -161,7 +172,7 @@ def digest_topics(path: Path) -> dict[str, str]:
         if isinstance(record, Channel):
             channels[record.id] = record.topic
         elif isinstance(record, Message):
-            digest = digests.setdefault(channels[record.channel_id], hashlib.sha256())
+            digest = digests.setdefault(channels.get(record.channel_id, "?"), hashlib.sha256())
             digest.update(struct.pack("<QII", record.log_time, record.sequence, len(record.data)))
             digest.update(record.data)
     return {topic: digest.hexdigest() for topic, digest in sorted(digests.items())}

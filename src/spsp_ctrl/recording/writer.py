@@ -39,7 +39,10 @@ class RecorderError(Exception):
 
 
 class Recorder:
-    """Writes ``path`` through a process of its own. Problems are counted and reported at the end, never raised into the loop."""
+    """Writes ``path`` through a process of its own; once constructed, the file is open (else ``RecorderError``).
+
+    Later problems are counted and reported at the end, never raised into the loop.
+    """
 
     def __init__(
         self,
@@ -51,10 +54,16 @@ class Recorder:
     ) -> None:
         command = [sys.executable, "-m", "spsp_ctrl.recording.writer_process", str(path)]
         try:
-            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         except OSError as error:
             raise RecorderError(f"the log writer cannot be started: {error}") from None
         assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        with self._process.stdout as answer:
+            ready = answer.readline()
+        if not ready:
+            complaint = self._process.communicate()[1].decode(errors="replace").strip().splitlines()
+            raise RecorderError(complaint[-1] if complaint else f"the log writer ended with {self._process.returncode}")
         self._fd = self._process.stdin.fileno()
         with contextlib.suppress(OSError, AttributeError):
             fcntl.fcntl(self._fd, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
@@ -140,7 +149,8 @@ class Recorder:
         complaint = self._process.stderr.read().decode(errors="replace").strip() if self._process.stderr else ""
         if self._process.stderr:
             self._process.stderr.close()
-        if self._process.returncode and not self._problem:
+        if self._process.returncode:
+            # what the writer says itself beats what the loop saw of it (a broken pipe)
             self._problem = complaint.splitlines()[-1] if complaint else f"the log writer ended with {self._process.returncode}"
         return RecorderStats(self.records, self.lost, self._problem)
 

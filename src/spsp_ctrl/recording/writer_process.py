@@ -9,6 +9,7 @@ import json
 import signal
 import struct
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -29,7 +30,8 @@ class McapLog:
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
-        self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.LZ4)
+        # the checksum over the data section also covers what stands between the chunks
+        self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.LZ4, enable_data_crcs=True)
         self._writer.start(profile="ros2", library=f"spsp-ctrl {__version__}")
         self._channels = []
         for topic, codec in TOPICS.items():
@@ -71,10 +73,11 @@ class McapLog:
         self._stream.flush()
 
 
-def serve(source: BinaryIO, path: Path) -> None:
-    """Write everything that arrives until the source ends."""
+def serve(source: BinaryIO, path: Path, ready: Callable[[], None] = lambda: None) -> None:
+    """Write everything that arrives until the source ends. ``ready`` is called once the file is open and has its schemas."""
     with path.open("wb") as stream:
         log = McapLog(stream)
+        ready()
         head, body = FRAME.size, b""
         while block := source.read1(1 << 20):  # type: ignore[attr-defined]
             body += block
@@ -102,7 +105,7 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     try:
-        serve(sys.stdin.buffer, Path(sys.argv[1]))
+        serve(sys.stdin.buffer, Path(sys.argv[1]), lambda: print("ready", flush=True))
     except OSError as error:
         print(f"the log cannot be written: {error}", file=sys.stderr)
         raise SystemExit(1) from None

@@ -37,8 +37,8 @@ def limits_of(data: RunData) -> Limits:
             continue
         if not isinstance(rig, Mapping) or rig.get("schema") != RIG_SCHEMA:
             continue
-        geometry, limits = rig.get("geometry", {}), rig.get("limits", {})
-        low, high = geometry.get("stroke_min_mm"), geometry.get("stroke_max_mm")
+        mechanism, limits = rig.get("mechanism", {}), rig.get("limits", {})
+        low, high = mechanism.get("stroke_min_mm"), mechanism.get("stroke_max_mm")
         return Limits(
             stroke_mm=(float(low), float(high)) if low is not None and high is not None else None,
             rod_speed_mm_s=_float(limits.get("rod_speed_mm_s")),

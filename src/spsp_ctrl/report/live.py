@@ -52,11 +52,15 @@ class LiveStatus:
             "clock": clock,
             "duration_s": duration_s,
             "settle_s": scenario.settle_s,
-            "stroke_min_mm": rig.geometry.stroke_min_mm,
-            "stroke_max_mm": rig.geometry.stroke_max_mm,
-            "azimuth_limit_deg": rig.geometry.azimuth_limit_deg,
+            "stroke_min_mm": rig.mechanism.stroke_min_mm,
+            "stroke_max_mm": rig.mechanism.stroke_max_mm,
+            "azimuth_limit_deg": rig.mechanism.azimuth_limit_deg,
             "rate_hz": rig.rate_hz,
         }
+
+    def recording(self, counts: Callable[[], tuple[int, int]]) -> None:
+        """Show the records handed over and lost that ``counts`` tells."""
+        self._counts = counts
 
     def event(self, text: str, t_s: float) -> None:
         """Show ``text`` as the last event."""

@@ -66,7 +66,8 @@ class History:
         self.roll: deque[float] = deque(maxlen=length)
 
     def add(self, status: Status) -> None:
-        """Take the errors of one status line; a missing one leaves a gap (NaN)."""
+        """Take the errors of one status line; a missing one, or one while the loop does not hold yet, leaves a gap (NaN)."""
+        holds = status.get("mode", "ACTIVE") == "ACTIVE"
         for axis, key in ((self.pitch, "error_pitch_arcmin"), (self.roll, "error_roll_arcmin")):
-            value = status.get(key)
+            value = status.get(key) if holds else None
             axis.append(abs(float(value)) if isinstance(value, int | float) else float("nan"))

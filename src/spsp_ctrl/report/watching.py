@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from spsp_ctrl.config.rig import RigConfig
@@ -28,6 +28,9 @@ class _ScreenWatcher(Watcher):
 
     def event(self, text: str, t_s: float) -> None:
         self._live.event(text, t_s)
+
+    def recording(self, counts: Callable[[], tuple[int, int]]) -> None:
+        self._live.recording(counts)
 
     def _send(self, measurement: Measurement, control: Control, timing: Timing, truth: Truth | None) -> None:
         self._link.send(self._live.status(measurement, control, timing, truth))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from spsp_ctrl.config.rig import RigConfig
@@ -9,9 +10,22 @@ from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.rig.base import Rig
 
 
-def build_rig(config: RigConfig, model_path: Path, scenario: Scenario, seed: int, *, real_time: bool) -> Rig:
-    """The rig that ``config.rig`` describes. Raises ``ConfigError`` for a bad model file, ``RigError`` when it cannot run like this."""
+def build_rig(
+    config: RigConfig,
+    model_path: Path,
+    scenario: Scenario,
+    seed: int,
+    *,
+    real_time: bool,
+    announce: Callable[[str], None] = lambda text: None,
+) -> Rig:
+    """The rig that ``config.rig`` describes. Raises ``ConfigError`` for a bad model file, ``RigError`` when it cannot run like this.
+
+    ``announce`` is told what takes long, once every file has been judged.
+    """
     from spsp_ctrl.plant.model import load_model
     from spsp_ctrl.rig.simulated import SimulatedRig
 
-    return SimulatedRig(config, load_model(model_path), scenario, seed, real_time=real_time)
+    model = load_model(model_path)
+    announce("preparing the rig (the first start compiles the plant, about 10 s) ...")
+    return SimulatedRig(config, model, scenario, seed, real_time=real_time)

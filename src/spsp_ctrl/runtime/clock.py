@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 
@@ -52,14 +53,17 @@ class MonotonicClock:
 
     real_time = True
 
-    def __init__(self, period_ns: int) -> None:
+    def __init__(self, period_ns: int, started: Callable[[int], None] = lambda origin_ns: None) -> None:
+        """``started`` is told once where time 0 of the control clock lies on the monotonic clock, in ns."""
         self._period_ns = period_ns
+        self._started = started
         self._next = 0
         self._origin_ns = 0
 
     def start(self) -> None:
         """Cycle 0 is due now."""
         self._origin_ns = time.monotonic_ns()
+        self._started(self._origin_ns)
 
     def tick(self) -> Tick:
         """Sleep until the next deadline that has not yet passed by a whole period."""

@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import ReferencePlan
-from spsp_ctrl.control import estimator, law
+from spsp_ctrl.control import estimator, law, watch
 from spsp_ctrl.control.estimator import EstimatorState
 from spsp_ctrl.control.law import Gate, LawState
-from spsp_ctrl.control.params import LawParams, law_params
+from spsp_ctrl.control.params import LawParams, WatchParams, law_ladder, law_params, watch_params
 from spsp_ctrl.control.reference import ReferenceSource
+from spsp_ctrl.control.watch import WatchState
 from spsp_ctrl.messages import (
     AxisTerms,
     AzimuthTerms,
@@ -35,6 +36,7 @@ _GATES = {Mode.ALIGNING: Gate.ALIGN, Mode.ACTIVE: Gate.ACTIVE, Mode.STOPPING: Ga
 GATES: tuple[int, ...] = tuple(int(_GATES.get(mode, Gate.OFF)) for mode in sorted(Mode))
 """What the law may do, by mode. Plain ints in a tuple: an enum as a dictionary key costs half a microsecond."""
 _OFF = int(Gate.OFF)
+_ACTIVE = int(Gate.ACTIVE)
 _INERTIAL = int(ReferenceKind.INERTIAL)
 _NO_VERBS: frozenset[str] = frozenset()
 _new = tuple.__new__
@@ -51,7 +53,9 @@ _NO_AZIMUTH: AzimuthTerms = _new(AzimuthTerms, ((0.0,) * (len(AzimuthTerms._fiel
 class Controller(NamedTuple):
     """What is constant in a session."""
 
-    law: LawParams
+    laws: tuple[LawParams, ...]
+    """The configured law and the plainer ones behind it."""
+    watch: WatchParams
     judge: JudgeLimits
     supervisor: SupervisorParams
 
@@ -63,13 +67,16 @@ class CycleState(NamedTuple):
     estimate: Estimate
     law: LawState
     supervisor: SupervisorState
+    watch: WatchState
+    law_step: int
+    law_reason: int
     reference: ReferenceSource
     seq: int
 
 
 def controller(config: RigConfig) -> Controller:
     """Constants from the rig file."""
-    return Controller(law_params(config), judge_limits(config), supervisor_params(config))
+    return Controller(law_ladder(config), watch_params(config), judge_limits(config), supervisor_params(config))
 
 
 def start(config: RigConfig, plan: ReferencePlan) -> CycleState:
@@ -80,7 +87,7 @@ def start(config: RigConfig, plan: ReferencePlan) -> CycleState:
         heading_rate_limit_rad_s=0.8 * params.azimuth_rate_rad_s,
         heading_accel_limit_rad_s2=0.5 * params.azimuth_accel_rad_s2,
     )
-    return CycleState(None, _NO_ESTIMATE, law.START, supervisor.START, source, 0)
+    return CycleState(None, _NO_ESTIMATE, law.START, supervisor.START, watch.START, 0, 0, source, 0)
 
 
 def step(
@@ -88,13 +95,14 @@ def step(
 ) -> tuple[Control, CycleState]:
     """One cycle at SYNC ``now_ns``, ``dt`` s after the previous one. Returns the log record with the command in it."""
     t_s = now_ns * 1e-9
+    p = c.laws[state.law_step]
     fault = judging.judge(m, c.judge, now_ns)
 
     est, estimate = state.estimator, state.estimate
     if fault in _USABLE:
         if est is None:
-            est = estimator.start(m, c.law)
-        estimate, est = estimator.step(est, c.law, m, state.law.gap_pitch, state.law.gap_roll, now_ns, dt)
+            est = estimator.start(m, p)
+        estimate, est = estimator.step(est, p, m, state.law.gap_pitch, state.law.gap_roll, now_ns, dt)
         if not judging.estimate_is_finite(estimate):
             fault, estimate, est = _NOT_FINITE, state.estimate, state.estimator
 
@@ -119,10 +127,10 @@ def step(
     sup = supervisor.step(state.supervisor, c.supervisor, fault, tilt_error, rod_speed, verbs, dt)
     gate = GATES[sup.mode]
 
-    (pitch, roll, azimuth), law_state = law.step(last, c.law, estimate, reference, dt, gate)
+    (pitch, roll, azimuth), law_state = law.step(last, p, estimate, reference, dt, gate)
     seq = state.seq
-    current_pitch = pitch.accel_ff_a + pitch.friction_ff_a if c.law.pitch.velocity_mode else pitch.u_a
-    current_roll = roll.accel_ff_a + roll.friction_ff_a if c.law.roll.velocity_mode else roll.u_a
+    current_pitch = pitch.accel_ff_a + pitch.friction_ff_a if p.pitch.velocity_mode else pitch.u_a
+    current_roll = roll.accel_ff_a + roll.friction_ff_a if p.roll.velocity_mode else roll.u_a
     command: Command = _new(
         Command,
         (
@@ -140,8 +148,18 @@ def step(
         sup = supervisor.step(state.supervisor, c.supervisor, _NOT_FINITE, tilt_error, rod_speed, verbs, dt)
         pitch, roll, azimuth, law_state = _NO_AXIS, _NO_AXIS, _NO_AZIMUTH, law.START
         command = Command(now_ns, seq, False, 0.0, 0.0, 0.0, 0.0, 0.0)
+    law_step, law_reason, watching = state.law_step, state.law_reason, state.watch
+    if gate == _ACTIVE and est is not None:
+        base = est.base
+        innovation_sq = base.pitch_innovation * base.pitch_innovation + base.roll_innovation * base.roll_innovation
+        reason, watching = watch.step(
+            watching, c.watch, pitch.u_a, roll.u_a, innovation_sq, estimate.attitude_dt_s > 0.0, dt
+        )
+        if reason and law_step + 1 < len(c.laws):
+            law_step, law_reason, watching = law_step + 1, reason, watch.START
+            law_state = law.reseed(law_state, c.laws[law_step], estimate)
     number = sup.fault.number if sup.fault is not None else 0
     control: Control = _new(
-        Control, (now_ns, m.cycle, sup.mode, number, estimate, reference, pitch, roll, azimuth, command)
+        Control, (now_ns, m.cycle, sup.mode, number, law_step, law_reason, estimate, reference, pitch, roll, azimuth, command)
     )
-    return control, _new(CycleState, (est, estimate, law_state, sup, source, seq + 1))
+    return control, _new(CycleState, (est, estimate, law_state, sup, watching, law_step, law_reason, source, seq + 1))

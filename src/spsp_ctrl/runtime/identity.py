@@ -8,7 +8,16 @@ from pathlib import Path
 from spsp_ctrl import __version__
 
 ROOT = Path(__file__).resolve().parent.parent
-LAW_SOURCES = ("messages.py", "mechanism", "control", "safety", "runtime/cycle.py")
+LAW_SOURCES = (
+    "messages.py",
+    "mechanism/frames.py",
+    "mechanism/kinematics.py",
+    "mechanism/levelling.py",
+    "mechanism/profile.py",
+    "control",
+    "safety",
+    "runtime/cycle.py",
+)
 
 
 def law_digest() -> str:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from spsp_ctrl.control.watch import Reason
 from spsp_ctrl.messages import Command, Control, Measurement, Mode, OperatorRequest, Timing, Truth
 from spsp_ctrl.rig.base import Rig
 from spsp_ctrl.runtime.clock import Clock
@@ -106,9 +107,11 @@ def run_loop(
     result = LoopResult("completed")
     interrupts = interrupts or Interrupts()
     mode = -1
+    law_step = 0
     last_ns = -period_ns
     ending = ""
     now = time.perf_counter_ns
+    record_ns = 0
 
     def event(level: str, id: str, text: str, stamp_ns: int) -> None:
         result.events.append({"stamp_ns": stamp_ns, "level": level, "id": id, "text": text})
@@ -148,6 +151,10 @@ def run_loop(
                 result.skipped += tick.skipped
                 result.skipped_stamps_ns.append(now_ns)
                 event("warning", "skip", f"{tick.skipped} cycle(s) skipped", now_ns)
+            if control.law_step != law_step:
+                law_step = control.law_step
+                why = Reason(control.law_reason).name.lower()
+                event("warning", "law-fallback", f"a plainer law has taken over ({why}); see control.watch in the rig file", now_ns)
             if control.mode != mode:
                 _report_mode(event, mode, control)
                 mode = control.mode
@@ -159,11 +166,13 @@ def run_loop(
                 after_read - begin,
                 after_control - after_read,
                 after_write - after_control,
-                0,
+                record_ns,
                 after_write - begin,
             )
             truth = rig.truth()
+            before_record = now()
             recorder.record_cycle(measurement, control, timing, truth)
+            record_ns = now() - before_record
             last_ns = now_ns
             result.cycles += 1
             if status is not None and tick.cycle % status_every == 0:

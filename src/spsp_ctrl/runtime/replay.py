@@ -46,6 +46,8 @@ class ReplayResult:
     first: Difference | None
     exact: bool
     """True: compared bit for bit; False: to 1e-9, since the log comes from another build of the law."""
+    log_problem: str = ""
+    """Why the log could not be read to its end; empty for a complete log."""
 
     def to_dict(self) -> dict[str, Any]:
         """For ``--json``."""
