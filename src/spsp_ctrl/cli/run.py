@@ -64,9 +64,9 @@ def run(
     lost = result.summary["log"]["lost"]
     if len(result.log.topics["/control"]):
         try:
-        write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
-    except OSError as error:  # the run is over and recorded; its table still tells
-        click.echo(f"{folder / 'report.html'}: cannot be written: {error.strerror}", err=True)
+            write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
+        except OSError as error:  # the run is over and recorded; its table still tells
+            click.echo(f"{folder / 'report.html'}: cannot be written: {error.strerror}", err=True)
     if as_json:
         click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
     else:
