@@ -9,11 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
+from typing import TypeVar
 
 import numpy as np
+from pydantic import BaseModel
 
-from spsp_ctrl.config.rig import RigConfig
+from spsp_ctrl.config.rig import RigConfig, SpeedLoop
 from spsp_ctrl.config.scenario import Scenario
+from spsp_ctrl.control.law import STILL_SHARE
 from spsp_ctrl.messages import NO_IMU, Command, Measurement, Mode, Truth
 from spsp_ctrl.plant.layout import G
 from spsp_ctrl.plant.model import PlantModel
@@ -23,6 +26,7 @@ from spsp_ctrl.runtime import cycle
 from spsp_ctrl.tuning.loops import Break, Complex, Kind, Margins, Real, margins
 from spsp_ctrl.tuning.plant_model import LOAD_KG, SMOOTH_BITS, Axis, smooth
 
+Part = TypeVar("Part", bound=BaseModel)
 PERIOD_S = 4.0
 """Period of the multi-sine: lines are multiples of 0.25 Hz."""
 START_S = 1.0
@@ -151,22 +155,36 @@ class InjectingRig:
 
 
 def smooth_config(config: RigConfig) -> RigConfig:
-    """The rig file for the smooth plant: what compensates an effect that is not there is off, resolvers are as fine as the plant's."""
-    compensation = config.compensation
+    """The rig file for the smooth plant, with the law as it acts on a moving axis.
+
+    What compensates an effect that is not there is off (backlash, friction, screw map), resolvers are as fine as the plant's. What makes the law
+    nonlinear is off (learnt swing frequency, the watch that changes to a plainer law). The rig stands still during a measurement, where the law
+    reduces the speed integral to ``STILL_SHARE``: the integral gains are raised by as much, so that the loop is that of the moving axis.
+    """
+
+    def moving(loop: SpeedLoop) -> SpeedLoop:
+        return loop.model_copy(update={"ki_a_rad": loop.ki_a_rad / STILL_SHARE})
+
+    def off(part: Part) -> Part:
+        return part.model_copy(update={"enabled": False})
+
+    control, compensation = config.control, config.compensation
+    ours, plain = control.stabiliser, control.cascade
+    performance = ours.performance.model_copy(update={"speed": moving(ours.performance.speed)})
+    terms = ours.terms.model_copy(update={"screw_map": False})
+    law = control.model_copy(
+        update={
+            "stabiliser": ours.model_copy(update={"speed": moving(ours.speed), "performance": performance, "terms": terms}),
+            "cascade": plain.model_copy(update={"speed": moving(plain.speed)}),
+            "base": control.base.model_copy(update={"adaptive": off(control.base.adaptive)}),
+            "watch": off(control.watch),
+        }
+    )
     actuators = {
         name: getattr(config, name).model_copy(update={"resolver_bits": SMOOTH_BITS}) for name in ("pitch_actuator", "roll_actuator")
     }
-    return config.model_copy(
-        update={
-            **actuators,
-            "compensation": compensation.model_copy(
-                update={
-                    "backlash": compensation.backlash.model_copy(update={"enabled": False}),
-                    "friction": compensation.friction.model_copy(update={"enabled": False}),
-                }
-            ),
-        }
-    )
+    less = compensation.model_copy(update={"backlash": off(compensation.backlash), "friction": off(compensation.friction)})
+    return config.model_copy(update={**actuators, "control": law, "compensation": less})
 
 
 def still(kind: Kind, load_kg: float = LOAD_KG) -> Scenario:

@@ -15,11 +15,11 @@ from typing import Any, Literal
 import control as ct
 import numpy as np
 
+from spsp_ctrl.config.units import UNITS
 from spsp_ctrl.mechanism.kinematics import jacobian
 from spsp_ctrl.plant.effects import BY_NAME
 from spsp_ctrl.plant.layout import N_AXIS_PARAMETERS, A, G
 from spsp_ctrl.plant.model import PlantModel, Quantity, effect_keys
-from spsp_ctrl.plant.units import UNITS
 
 Axis = Literal["pitch", "roll"]
 GRAVITY = 9.80665
