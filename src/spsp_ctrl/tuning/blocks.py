@@ -18,7 +18,7 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from spsp_ctrl.control.params import AxisParams, LawParams
+from spsp_ctrl.control.params import AxisParams, LagStep, LawParams
 from spsp_ctrl.tuning.plant_model import AxisPlant
 
 Matrix = NDArray[np.float64]
@@ -73,34 +73,56 @@ def observer(p: LawParams, axis: AxisParams) -> Any:
     return block(a, b, a[:2], b[:2], t, ["resolver", "current"], ["motor_est", "speed_est"])
 
 
-def base_rate(p: LawParams, every: int, wait: int, sampler: float) -> Sequence[Any]:
-    """``control.estimator.step``: ``gyro_now`` and ``joint_rate`` to ``base_est`` (rate predicted to now) and ``accel_est``."""
-    t, slow = p.period_s, p.period_s * every
-    decay = p.gyro_lag_decay
-    lag = block(decay, 1.0 - decay, decay, 1.0 - decay, t, ["joint_rate"], ["joint_lagged"])
-    seen = gain([[1.0, -1.0]], t, ["gyro_now", "joint_lagged"], ["base_now"])
-    late = delay(wait, t, "base_now", "base_late")
-    sampled = gain(sampler, t, ["base_late"], ["base_seen"])
-    g, h = p.l_rate, p.l_accel
-    a = np.array([[1.0 - g, (1.0 - g) * slow], [-h, 1.0 - h * slow]])
-    b = np.array([[g], [h]])
-    ahead = wait * t + p.gyro_lag_s + p.lead_s
-    # the filter in z^every: its last `every` states are a shift register, newest first
-    chain = np.eye(2 * every, k=-2)
-    chain[:2, -2:] = a
-    into = np.zeros((2 * every, 1))
-    into[:2] = b
-    out = [np.array([[1.0, ahead + j * t], [0.0, 1.0]]) / every for j in range(every)]
-    # outputs from the present state (j = 0) and those before it, which the register still holds
-    c = np.zeros((2, 2 * every))
-    c[:, -2:] += out[0] @ a
-    for j in range(1, every):
-        c[:, 2 * (j - 1) : 2 * j] += out[j]
-    return [lag, seen, late, sampled, block(chain, into, c, out[0] @ b, t, ["base_seen"], ["base_est", "accel_est"])]
+def lag(step: LagStep, period_s: float, source: str, output: str) -> Any:
+    """A first-order lag for inputs that are straight between the cycles (``control.params.lag_step``)."""
+    a = [[step.keep, step.old], [0.0, 0.0]]
+    return block(a, [[step.new], [1.0]], a[:1], step.new, period_s, [source], [output])
+
+
+def innovation_matrix(attitude_lag_s: float, gyro_lag_s: float) -> Matrix:
+    """What attitude and gyro show of angle, rate and acceleration: a lag answers a parabola with its value ``lag`` earlier, plus lag^2 / 2."""
+    return np.array([[1.0, -attitude_lag_s, attitude_lag_s**2], [0.0, 1.0, -gyro_lag_s]])
+
+
+def base_gain(p: LawParams) -> Matrix:
+    """Gains of the base observer, states by measurements."""
+    g = p.base
+    return np.array(
+        [
+            [g.angle_by_attitude, g.angle_by_gyro],
+            [g.rate_by_attitude, g.rate_by_gyro],
+            [g.accel_by_attitude, g.accel_by_gyro],
+        ]
+    )
+
+
+def base_observer(p: LawParams, every: int, wait: int, sampler: float) -> Sequence[Any]:
+    """``control.base_observer`` with its input and prediction in ``control.estimator``, for omega = 0.
+
+    ``attitude_now``, ``gyro_now``, ``joint`` and ``joint_rate`` to ``base_est``, ``base_rate_est`` and ``base_accel_est`` at the present cycle (rate and
+    acceleration ``lead`` ahead). The state is the estimate carried on cycle by cycle from the newest frame, so it lags by ``wait`` cycles; a frame corrects it.
+    """
+    t = p.period_s
+    predict = np.array([[1.0, t, 0.5 * t * t], [0.0, 1.0, t], [0.0, 0.0, 1.0]])
+    correct = base_gain(p) * (sampler / every)
+    a = (np.eye(3) - correct @ innovation_matrix(p.base.attitude_lag_s, p.base.gyro_lag_s)) @ predict
+    ahead = wait * t
+    now = np.array([[1.0, ahead, 0.5 * ahead * ahead], [0.0, 1.0, ahead + p.lead_s], [0.0, 0.0, 1.0]])
+    return [
+        lag(p.attitude_lag, t, "joint", "joint_lagged"),
+        lag(p.gyro_lag, t, "joint_rate", "joint_rate_lagged"),
+        gain([[1.0, -1.0]], t, ["attitude_now", "joint_lagged"], ["base_now"]),
+        gain([[1.0, -1.0]], t, ["gyro_now", "joint_rate_lagged"], ["base_rate_now"]),
+        delay(wait, t, "base_now", "base_seen"),
+        delay(wait, t, "base_rate_now", "base_rate_seen"),
+        block(
+            a, correct, now @ a, now @ correct, t, ["base_seen", "base_rate_seen"], ["base_est", "base_rate_est", "base_accel_est"]
+        ),
+    ]
 
 
 def attitude_pid(p: LawParams, every: int, wait: int, sampler: float) -> Sequence[Any]:
-    """``control.law._attitude`` for a reference of zero: ``attitude_now`` and ``gyro_now`` to ``rate_pid``."""
+    """``control.law._attitude`` (terms.base_observer off, and the cascade) for a reference of zero: ``attitude_now`` and ``gyro_now`` to ``rate_pid``."""
     t = p.period_s
     hold = np.ones(every) / every
     taps = -p.kp * hold

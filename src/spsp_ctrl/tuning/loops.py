@@ -105,7 +105,7 @@ class AxisLoops:
     """
 
     def __init__(self, law: LawParams, plant: AxisPlant, axis: Axis = "roll", kind: Kind = "inertial", feedforward: bool = True) -> None:
-        """``feedforward=False`` leaves the base-rate feed-forward out (and keeps the gyro in the PID)."""
+        """``feedforward=False`` leaves rate and acceleration feed-forward out (and keeps the gyro in the PID)."""
         self.axis, self.kind, self.period_s = axis, kind, law.period_s
         self.every = plant.imu_every(law.period_s) if kind == "inertial" else 1
         self._wait, self._imu = plant.imu_delay_cycles(law.period_s), blocks.imu(plant, law.period_s)
@@ -236,19 +236,28 @@ def _network(p: LawParams, plant: AxisPlant, axis: Axis, kind: Kind, feedforward
         blocks.delay(1, t, "command", "acting"),
         blocks.gain(1.0, t, ["motor"], ["resolver"]),
         blocks.observer(p, own),
+        blocks.gain(travel / lever, t, ["motor_est"], ["joint"]),
         blocks.gain(travel / lever, t, ["speed_est"], ["joint_rate"]),
         blocks.speed_pi(p),
     ]
-    if kind == "inertial":
-        network += [blocks.imu(plant, t), *blocks.attitude_pid(p, every, wait, sampler)]
-        demand, sources = [1.0], ["rate_pid"]
-        if p.feedforward and feedforward:
-            network += blocks.base_rate(p, every, wait, sampler)
-            demand, sources = [1.0, -1.0], ["rate_pid", "base_est"]
-            accel = p.accel_ff_a[1 if axis == "roll" else 0]
-            network.append(blocks.gain(-accel * lever, t, ["accel_est"], ["accel_ff"]))
-        network.append(blocks.gain([[lever / travel * k for k in demand]], t, sources, ["motor_ref"]))
-    else:
+    if kind == "joint":
         # rod_kp * (0 - rod) as a motor speed
-        network.append(blocks.gain(-p.rod_kp, t, ["motor_est"], ["motor_ref"]))
+        return [*network, blocks.gain(-p.rod_kp, t, ["motor_est"], ["motor_ref"])]
+    network.append(blocks.imu(plant, t))
+    ahead = feedforward and (p.observe or p.feedforward)
+    if p.observe or ahead:
+        network += blocks.base_observer(p, every, wait, sampler)
+    # demands as a platform or joint rate: what they are fed by, and with which gain
+    demand: dict[str, float] = {}
+    if p.observe:
+        # joints wanted at minus the base tilt
+        demand |= {"base_est": -p.rod_kp, "joint": -p.rod_kp}
+    else:
+        network += blocks.attitude_pid(p, every, wait, sampler)
+        demand["rate_pid"] = 1.0
+    if ahead:
+        demand["base_rate_est"] = -1.0
+    network.append(blocks.gain([[lever / travel * k for k in demand.values()]], t, list(demand), ["motor_ref"]))
+    if ahead and p.accelerate:
+        network.append(blocks.gain(-own.accel_ff_a * lever, t, ["base_accel_est"], ["accel_ff"]))
     return network
