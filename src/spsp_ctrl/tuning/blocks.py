@@ -80,7 +80,7 @@ def lag(step: LagStep, period_s: float, source: str, output: str) -> Any:
 
 
 def innovation_matrix(attitude_lag_s: float, gyro_lag_s: float) -> Matrix:
-    """What attitude and gyro show of angle, rate and acceleration: a lag answers a parabola with its value ``lag`` earlier, plus lag^2 / 2."""
+    """What attitude and gyro show of angle, rate and acceleration: a parabola through a lag is ``angle - lag rate + lag^2 acceleration``."""
     return np.array([[1.0, -attitude_lag_s, attitude_lag_s**2], [0.0, 1.0, -gyro_lag_s]])
 
 

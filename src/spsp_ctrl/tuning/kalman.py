@@ -1,18 +1,19 @@
-"""The two fixed-gain observers of the law as steady-state Kalman filters, from stated noise (``filterpy``).
+"""The fixed-gain observers of the law as steady-state Kalman filters, from stated noise (``filterpy``).
 
-Both are integrator chains with a measured first state. The measurement noise and the size of the disturbances come from the plant model:
+All are integrator chains with noise on every state of which the law knows less than its chain says:
 
-motor observer   angle, speed, disturbance acceleration at the control rate. Measured: resolver counts (uniform, one count wide) with the
-                 converter's noise. The disturbance is Coulomb friction that turns round: steps of 2 Tc / J, ``reversals_s`` times a second, which has
-                 the intensity of a random walk of (2 Tc / J)^2 * reversals_s. The input is a current with the reported current's noise.
-base-rate filter rate and acceleration of the base at the IMU rate. Measured: gyro minus joint rate, so gyro noise and counts plus what the resolver's
-                 periodic error makes of a steady joint rate. The base's acceleration is a random walk, its rate takes a white acceleration.
+motor observer  angle, speed, disturbance acceleration at the control rate; the mean current over the cycle is its input. Measured: resolver counts
+                (uniform, one count wide) with the converter's noise, both from the plant model. Noise on the angle (the resolver's periodic error),
+                on the speed (torque that comes and goes: cogging, ripple, the reported current's noise) and on the disturbance (friction, load).
+base observer   angle, rate, acceleration of the carrier at the IMU rate. Measured: attitude and gyro taken back through the joints, through the IMU's
+                lags. White jerk, and a random walk of the angle for what the kinematics does not know (lead error, wind-up).
+yaw pair        rate and acceleration of base yaw at the IMU rate. Measured: gyro. White jerk and a random walk of the rate.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
+from math import pi, radians
 from typing import Any
 
 import numpy as np
@@ -20,59 +21,58 @@ from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from spsp_ctrl.plant.layout import A, G
+from spsp_ctrl.plant.layout import A
 from spsp_ctrl.plant.model import PlantModel
-from spsp_ctrl.tuning.plant_model import axis_plant
+from spsp_ctrl.tuning.blocks import innovation_matrix
 
 Real = NDArray[np.float64]
+ARCMIN = radians(1.0 / 60.0)
 
 
 @dataclass(frozen=True, slots=True)
 class MotorNoise:
-    """Noise of the motor observer."""
+    """Noise of the motor observer: standard deviation of one reading, and spectral densities of what drives the states."""
 
     angle_rad: float
     """Standard deviation of one resolver reading."""
-    input_rad_s2: float
-    """Standard deviation of the acceleration by the reported current, per cycle."""
+    angle_walk_rad2_s: float
+    """Of the angle."""
+    white_rad2_s3: float
+    """Of the speed: white acceleration."""
     walk_rad2_s5: float
-    """Spectral density of the white noise that drives the disturbance: (rad/s2)^2 per second."""
+    """Of the disturbance: (rad/s2)^2 per second."""
 
 
 @dataclass(frozen=True, slots=True)
 class BaseNoise:
-    """Noise of the base-rate filter."""
+    """Noise of the base observer."""
 
-    rate_rad_s: float
-    """Standard deviation of one base rate seen (gyro minus joints)."""
-    walk_rad2_s5: float
-    """Spectral density of the white noise that drives the base's acceleration."""
-    white_rad2_s3: float
-    """Spectral density of the white acceleration beside it."""
+    attitude_rad: float
+    """Standard deviation of one base tilt seen."""
+    gyro_rad_s: float
+    """Standard deviation of one base rate seen."""
+    jerk_rad2_s5: float
+    """Spectral density of the jerk: (rad/s3)^2 per Hz."""
+    walk_rad2_s: float
+    """Of the random walk of the angle."""
 
 
-def motor_noise(model: PlantModel, reversals_s: float) -> MotorNoise:
-    """From a plant model (pitch actuator)."""
+@dataclass(frozen=True, slots=True)
+class YawNoise:
+    """Noise of the yaw pair."""
+
+    gyro_rad_s: float
+    """Standard deviation of one rate seen."""
+    jerk_rad2_s5: float
+    """Spectral density of the jerk: (rad/s3)^2 per Hz."""
+    walk_rad2_s3: float
+    """Of the random walk of the rate."""
+
+
+def resolver_noise_rad(model: PlantModel) -> float:
+    """Standard deviation of one resolver reading, from a plant model (pitch actuator)."""
     p = model.parameters()
-    inertia = float(p[A.rotor_inertia_kg_m2])
-    step = 2.0 * pi / p[A.resolver_counts]
-    return MotorNoise(
-        angle_rad=float(np.hypot(step / np.sqrt(12.0), p[A.res_noise_rad])),
-        input_rad_s2=float(p[A.current_noise_a] * p[A.torque_constant_nm_a]) / inertia,
-        walk_rad2_s5=float((2.0 * p[A.mf_coulomb_nm] / inertia) ** 2 * reversals_s),
-    )
-
-
-def base_measurement_rad_s(model: PlantModel, joint_rate_rad_s: float) -> float:
-    """Standard deviation of gyro minus joint rate while a joint turns with ``joint_rate_rad_s``."""
-    p = model.parameters()
-    plant = axis_plant(model, "pitch")
-    per_joint = abs(plant.lever_m) / plant.travel_per_rad_m
-    motor = per_joint * joint_rate_rad_s
-    # rate of the periodic resolver error, once and twice per turn, as joint rate (rms)
-    periodic = np.hypot(p[A.res_first_rad], 2.0 * p[A.res_second_rad]) * motor / np.sqrt(2.0) / per_joint
-    gyro = np.hypot(p[G.gyro_noise_rad_s], p[G.gyro_step_rad_s] / np.sqrt(12.0))
-    return float(np.hypot(gyro, periodic))
+    return float(np.hypot(2.0 * pi / p[A.resolver_counts] / np.sqrt(12.0), p[A.res_noise_rad]))
 
 
 def chain(dim: int, dt: float) -> Real:
@@ -90,27 +90,36 @@ def motor_filter(noise: MotorNoise, dt: float) -> Any:
     kf.F, kf.H = chain(3, dt), np.array([[1.0, 0.0, 0.0]])
     kf.B = np.array([[0.5 * dt * dt], [dt], [0.0]])
     kf.R = np.array([[noise.angle_rad**2]])
-    kf.Q = Q_continuous_white_noise(3, dt, noise.walk_rad2_s5) + kf.B @ kf.B.T * noise.input_rad_s2**2
+    kf.Q = Q_continuous_white_noise(3, dt, noise.walk_rad2_s5) + np.diag([noise.angle_walk_rad2_s * dt, noise.white_rad2_s3 * dt, 0.0])
     return kf
 
 
-def base_filter(noise: BaseNoise, dt: float) -> Any:
-    """The Kalman filter of the base: state rate and acceleration."""
+def base_filter(noise: BaseNoise, attitude_lag_s: float, gyro_lag_s: float, dt: float) -> Any:
+    """The Kalman filter of one tilt of the base: state angle, rate, acceleration; measurements attitude and gyro."""
+    kf = KalmanFilter(dim_x=3, dim_z=2)
+    kf.F, kf.H = chain(3, dt), innovation_matrix(attitude_lag_s, gyro_lag_s)
+    kf.R = np.diag([noise.attitude_rad**2, noise.gyro_rad_s**2])
+    kf.Q = Q_continuous_white_noise(3, dt, noise.jerk_rad2_s5) + np.diag([noise.walk_rad2_s * dt, 0.0, 0.0])
+    return kf
+
+
+def yaw_filter(noise: YawNoise, gyro_lag_s: float, dt: float) -> Any:
+    """The Kalman filter of base yaw: state rate and acceleration; measurement gyro."""
     kf = KalmanFilter(dim_x=2, dim_z=1)
-    kf.F, kf.H = chain(2, dt), np.array([[1.0, 0.0]])
-    kf.R = np.array([[noise.rate_rad_s**2]])
-    kf.Q = Q_continuous_white_noise(2, dt, noise.walk_rad2_s5) + np.diag([noise.white_rad2_s3 * dt, 0.0])
+    kf.F, kf.H = chain(2, dt), np.array([[1.0, -gyro_lag_s]])
+    kf.R = np.array([[noise.gyro_rad_s**2]])
+    kf.Q = Q_continuous_white_noise(2, dt, noise.jerk_rad2_s5) + np.diag([noise.walk_rad2_s3 * dt, 0.0])
     return kf
 
 
 def steady_gain(kf: Any, tolerance: float = 1e-12, limit: int = 200_000) -> Real:
-    """Run a filter until its gain stands still; returns the gain. Raises ``ArithmeticError`` where it does not."""
-    before = np.zeros((kf.dim_x, 1))
+    """Run a filter until its gain stands still; returns the gain (states by measurements). Raises ``ArithmeticError`` where it does not."""
+    before = np.zeros((kf.dim_x, kf.dim_z))
     for _ in range(limit):
         kf.predict()
         kf.update(np.zeros((kf.dim_z, 1)))
         gain = np.asarray(kf.K, dtype=float)
         if np.all(np.abs(gain - before) <= tolerance * np.abs(gain)):
-            return gain[:, 0]
+            return gain
         before = gain.copy()
     raise ArithmeticError(f"the Kalman gain has not settled after {limit} steps")

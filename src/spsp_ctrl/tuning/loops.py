@@ -236,8 +236,6 @@ def _network(p: LawParams, plant: AxisPlant, axis: Axis, kind: Kind, feedforward
         blocks.delay(1, t, "command", "acting"),
         blocks.gain(1.0, t, ["motor"], ["resolver"]),
         blocks.observer(p, own),
-        blocks.gain(travel / lever, t, ["motor_est"], ["joint"]),
-        blocks.gain(travel / lever, t, ["speed_est"], ["joint_rate"]),
         blocks.speed_pi(p),
     ]
     if kind == "joint":
@@ -246,6 +244,7 @@ def _network(p: LawParams, plant: AxisPlant, axis: Axis, kind: Kind, feedforward
     network.append(blocks.imu(plant, t))
     ahead = feedforward and (p.observe or p.feedforward)
     if p.observe or ahead:
+        network += [blocks.gain(np.eye(2) * travel / lever, t, ["motor_est", "speed_est"], ["joint", "joint_rate"])]
         network += blocks.base_observer(p, every, wait, sampler)
     # demands as a platform or joint rate: what they are fed by, and with which gain
     demand: dict[str, float] = {}
