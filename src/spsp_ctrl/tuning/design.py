@@ -64,23 +64,23 @@ class DesignSpec:
     """Motor loop of the cascade: a quarter of the structural mode (105 Hz)."""
     cascade_speed_deg: float = 67.0
     """With the attitude loop closed around it about 20 deg less is left."""
-    cascade_rod_hz: float = 9.0
+    cascade_rod_hz: float = 8.9
     """Position on the resolvers: about a third of the motor loop."""
     cascade_attitude_hz: float = 6.9
     """Attitude: under a third of the motor loop; delay, lag and frame of the IMU take 30 deg there."""
     cascade_attitude_deg: float = 47.0
     stabiliser_speed_hz: float = 25.0
     """As the cascade's ..."""
-    stabiliser_speed_deg: float = 59.0
+    stabiliser_speed_deg: float = 58.5
     """... with twice the integral: friction's share in the error falls with it."""
-    stabiliser_rod_hz: float = 12.0
+    stabiliser_rod_hz: float = 11.8
     """Position loop, half the motor loop: does not wait for the IMU."""
     stabiliser_attitude_hz: float = 5.3
     """Used with the base observer off. Lower than the cascade's: the feed-forward, which does the work, needs part of the margin."""
     stabiliser_attitude_deg: float = 63.0
     performance_speed_hz: float = 50.5
     """Motor loop of an identified motor: half the structural mode."""
-    performance_speed_deg: float = 51.0
+    performance_speed_deg: float = 51.3
     performance_rod_hz: float = 14.0
     corner: float = 0.3
     """Corners: torque constant and motor inertia by this much up and down."""

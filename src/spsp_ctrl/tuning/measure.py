@@ -34,7 +34,7 @@ START_S = 1.0
 FADE_S = 1.0
 """The injection grows over this time: a jump would run into the limit of rod acceleration."""
 SETTLE_PERIODS, JUDGED_PERIODS = 1, 1
-RMS: dict[Break, float] = {"current": 5e-3, "imu": 5e-6, "resolver": 3e-3}
+RMS: dict[Break, float] = {"current": 5e-3, "imu": 5e-6, "resolver": 2e-3}
 """Size of the injection (A, rad, rad): small enough that no limit acts, large against the resolver's counts."""
 
 
@@ -64,8 +64,10 @@ def lines_hz(low_hz: float = 0.25, high_hz: float = 90.0, count: int = 48) -> Re
 
 
 def default_lines(at: Break) -> Real:
-    """Up to 95 Hz at the IMU, over the structural mode elsewhere."""
-    return lines_hz(high_hz=95.0) if at == "imu" else lines_hz(high_hz=160.0, count=64)
+    """Up to 95 Hz at the IMU, over the structural mode elsewhere: every 2 Hz around it, where the loop changes fast."""
+    if at == "imu":
+        return lines_hz(high_hz=95.0)
+    return np.unique(np.concatenate((lines_hz(high_hz=160.0, count=64), np.arange(90.25, 112.0, 2.0))))
 
 
 class InjectingRig:
