@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import control as ct
 import numpy as np
 import pytest
 
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import Scenario
-from spsp_ctrl.control.params import law_params
+from spsp_ctrl.control.params import LawParams, law_ladder, law_params
 from spsp_ctrl.plant.model import PlantModel
 from spsp_ctrl.plant.virtual import VirtualPlant
 from spsp_ctrl.rig.simulated import SimulatedRig
@@ -28,23 +30,31 @@ LOOPS: tuple[tuple[Law, Kind, Axis, Break], ...] = (
     ("stabiliser", "inertial", "roll", "imu"),
     ("stabiliser", "inertial", "pitch", "imu"),
     ("stabiliser", "inertial", "roll", "resolver"),
+    ("performance", "inertial", "pitch", "current"),
+    ("performance", "inertial", "roll", "imu"),
 )
 TOLERANCE = 0.06
-"""Of |1 + L|. Found: 1 % below 50 Hz and up to 3 % around the structural mode; what is left is the plant's integration step (see the test of it)."""
+"""Of |1 + L|. Found below 50 Hz: 1 % (cascade), 2 % (stabiliser), 3 % (performance gains); up to 5 % around the structural mode. What is left is the
+plant's integration step (see the test of it)."""
+
+
+def acting(config: RigConfig) -> LawParams:
+    """The law that a run starts with."""
+    return law_ladder(config)[0]
 
 
 @pytest.mark.parametrize(("law", "kind", "axis", "at"), LOOPS)
 def test_model_and_running_code_agree(rig: RigConfig, model: PlantModel, law: Law, kind: Kind, axis: Axis, at: Break) -> None:
     config = with_law(rig, law)
     found = measure(config, model, at, axis, kind)
-    loops = AxisLoops(law_params(config), axis_plant(model, axis), axis, kind)
+    loops = AxisLoops(acting(config), axis_plant(model, axis), axis, kind)
     expected = loops.responses(found.f_hz)[at]
     error = np.abs(found.loop - expected) / np.abs(1.0 + expected)
     # where the gain is large the law's integrators leave nothing of the injection to measure
     clear = np.abs(expected) < 1e3
     assert clear.sum() > 25
     assert error[clear].max() < TOLERANCE, (found.f_hz[error.argmax()], error.max())
-    assert error[clear & (found.f_hz > 1.0) & (found.f_hz < 50.0)].max() < 0.02
+    assert error[clear & (found.f_hz > 1.0) & (found.f_hz < 50.0)].max() < (0.03 if law == "performance" else 0.02)
     assert disk_margin(found.loop[clear]) == pytest.approx(disk_margin(expected[clear]), rel=0.03)
     seen, designed = measured_margins(found), loops.all_margins()[at]
     assert seen.crossover_hz == pytest.approx(designed.crossover_hz, rel=0.02)
@@ -76,8 +86,9 @@ def test_what_is_left_is_the_integration_step_of_the_plant(rig: RigConfig, model
 
 def test_measurement_sees_a_change_of_gain(rig: RigConfig, model: PlantModel) -> None:
     """The test above can fail: 20 % on one gain is far outside its tolerance."""
-    speed = rig.control.speed.model_copy(update={"kp_a_s_rad": 1.2 * rig.control.speed.kp_a_s_rad})
-    changed = rig.model_copy(update={"control": rig.control.model_copy(update={"speed": speed})})
+    ours = rig.control.stabiliser
+    speed = ours.speed.model_copy(update={"kp_a_s_rad": 1.2 * ours.speed.kp_a_s_rad})
+    changed = rig.model_copy(update={"control": rig.control.model_copy(update={"stabiliser": ours.model_copy(update={"speed": speed})})})
     found = measure(changed, model, "current", f_hz=[10.25, 20.25, 40.25])
     expected = AxisLoops(law_params(rig), axis_plant(model)).responses(found.f_hz)["current"]
     assert (np.abs(found.loop - expected) / np.abs(1.0 + expected)).max() > 2.0 * TOLERANCE
@@ -118,13 +129,17 @@ def test_disk_margin_is_that_of_the_library(rig: RigConfig, model: PlantModel) -
 
 
 def test_images_of_the_imu_rate_matter_only_near_it(rig: RigConfig, model: PlantModel) -> None:
-    loops = AxisLoops(law_params(rig), axis_plant(model))
-    f = np.array([1.0, 5.0, 10.0, 20.0, 40.0, 98.0])
-    exact = loops.responses(f)["current"]
-    plain = np.asarray(loops.time_invariant("current")(np.exp(2j * np.pi * f * 1e-3))).ravel()
-    error = np.abs(plain - exact) / np.abs(1.0 + exact)
-    assert error[:-1].max() < 0.01
-    assert error[-1] > 0.01
+    """Least with the default gains; with the performance gains they cost a third of the margin at the structural mode."""
+    f = np.array([1.0, 5.0, 10.0, 20.0, 40.0, 101.0])
+
+    def differ(law: Law) -> Any:
+        loops = AxisLoops(acting(with_law(rig, law)), axis_plant(model, "pitch"), "pitch")
+        exact = loops.responses(f)["current"]
+        plain = np.asarray(loops.time_invariant("current")(np.exp(2j * np.pi * f * 1e-3))).ravel()
+        return np.abs(plain - exact) / np.abs(1.0 + exact)
+
+    assert differ("stabiliser")[:-1].max() < 0.01
+    assert differ("performance")[-1] > 0.1
 
 
 def test_margins_of_a_textbook_loop() -> None:
@@ -155,7 +170,7 @@ def test_delay_margin_is_where_the_loop_turns_unstable(rig: RigConfig, model: Pl
 @pytest.mark.parametrize("law", LAWS)
 def test_isolation_is_what_the_rig_does(rig: RigConfig, model: PlantModel, law: Law) -> None:
     """A base that rolls at 1 Hz by 0.2 deg under the smooth plant: platform angle over base angle."""
-    config = smooth_config(with_law(rig, law))
+    config = smooth_config(with_law(rig, law), at_rest=False)
     scenario = Scenario.model_validate(
         still("inertial").model_dump(by_alias=True)
         | {"base": {"roll": [{"amplitude_deg": 0.2, "period_s": 1.0}], "start_s": 1.0, "ramp_s": 1.0}}
@@ -174,7 +189,7 @@ def test_isolation_is_what_the_rig_does(rig: RigConfig, model: PlantModel, law: 
     turn = np.exp(-2j * np.pi * 1e-3 * np.arange(3000))
     measured = 20.0 * np.log10(np.abs(np.dot(platform, turn) / np.dot(base, turn)))
     # the plant's pivot lies 0.45 m above the table's axes: its sideways acceleration tilts the platform, which the model leaves out
-    assert measured == pytest.approx(float(AxisLoops(law_params(with_law(rig, law)), axis_plant(model)).isolation_db([1.0])[0]), abs=1.5)
+    assert measured == pytest.approx(float(AxisLoops(acting(with_law(rig, law)), axis_plant(model)).isolation_db([1.0])[0]), abs=1.5)
 
 
 def test_unstable_loop_has_no_margins(rig: RigConfig, model: PlantModel) -> None:

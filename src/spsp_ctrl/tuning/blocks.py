@@ -99,8 +99,9 @@ def base_gain(p: LawParams) -> Matrix:
 def base_observer(p: LawParams, every: int, wait: int, sampler: float) -> Sequence[Any]:
     """``control.base_observer`` with its input and prediction in ``control.estimator``, for omega = 0.
 
-    ``attitude_now``, ``gyro_now``, ``joint`` and ``joint_rate`` to ``base_est``, ``base_rate_est`` and ``base_accel_est`` at the present cycle (rate and
-    acceleration ``lead`` ahead). The state is the estimate carried on cycle by cycle from the newest frame, so it lags by ``wait`` cycles; a frame corrects it.
+    ``attitude_now``, ``gyro_now``, ``joint`` and ``joint_rate`` to ``base_est``, ``base_rate_est`` and ``base_accel_est`` at the present cycle
+    (rate and acceleration ``lead`` ahead). The state is the estimate carried on cycle by cycle from the newest frame, so it lags by ``wait``
+    cycles; a frame corrects it.
     """
     t = p.period_s
     predict = np.array([[1.0, t, 0.5 * t * t], [0.0, 1.0, t], [0.0, 0.0, 1.0]])
@@ -122,7 +123,7 @@ def base_observer(p: LawParams, every: int, wait: int, sampler: float) -> Sequen
 
 
 def attitude_pid(p: LawParams, every: int, wait: int, sampler: float) -> Sequence[Any]:
-    """``control.law._attitude`` (terms.base_observer off, and the cascade) for a reference of zero: ``attitude_now`` and ``gyro_now`` to ``rate_pid``."""
+    """``control.law._attitude`` (cascade, base observer off) for a reference of zero: ``attitude_now`` and ``gyro_now`` to ``rate_pid``."""
     t = p.period_s
     hold = np.ones(every) / every
     taps = -p.kp * hold

@@ -4,8 +4,8 @@
 2. Speed PI of each law: the two gains that give the motor loop, broken at the current command, its crossover and phase margin: a complex equation,
    ``kp X + ki Y = -exp(j PM)`` at the crossover.
 3. Rod position gain of each law (closed on the resolvers): unit gain of the position path at its crossover.
-4. Attitude PID: the derivative time cancels the attitude's own lag and half a frame (whole milliseconds of it); kp and ki again by crossover and phase
-   margin of the loop broken at the IMU, without base-rate feed-forward.
+4. Attitude PID: the derivative time cancels the attitude's own lag and half a frame (whole milliseconds of it); kp and ki again by crossover
+   and phase margin of the loop broken at the IMU, without base-rate feed-forward.
 
 Every gain is rounded as it stands in the rig file before margins are taken.
 """
@@ -33,7 +33,7 @@ Law = Literal["cascade", "stabiliser", "performance"]
 LAWS: tuple[Law, ...] = ("cascade", "stabiliser", "performance")
 AXES: tuple[Axis, ...] = ("pitch", "roll")
 DISK_NOMINAL, DISK_CORNER = 0.5, 0.35
-"""Smallest disk margin that is asked for: with the nominal plant, and in the corners (not of the performance gains, which need an identified motor)."""
+"""Smallest disk margin asked for: with the nominal plant, and in the corners (not of the performance gains, which need an identified motor)."""
 DIGITS, BASE_DIGITS = 2, 3
 """Significant digits of a gain in a rig file. The six of the base observer belong together and have one more."""
 

@@ -156,16 +156,17 @@ class InjectingRig:
         return self._rig.write(command, now_ns)
 
 
-def smooth_config(config: RigConfig) -> RigConfig:
+def smooth_config(config: RigConfig, at_rest: bool = True) -> RigConfig:
     """The rig file for the smooth plant, with the law as it acts on a moving axis.
 
     What compensates an effect that is not there is off (backlash, friction, screw map), resolvers are as fine as the plant's. What makes the law
     nonlinear is off (learnt swing frequency, the watch that changes to a plainer law). The rig stands still during a measurement, where the law
-    reduces the speed integral to ``STILL_SHARE``: the integral gains are raised by as much, so that the loop is that of the moving axis.
+    reduces the speed integral to ``STILL_SHARE``: the integral gains are raised by as much, so that the loop is that of the moving axis
+    (``at_rest=False`` leaves them, for a run that moves).
     """
 
     def moving(loop: SpeedLoop) -> SpeedLoop:
-        return loop.model_copy(update={"ki_a_rad": loop.ki_a_rad / STILL_SHARE})
+        return loop.model_copy(update={"ki_a_rad": loop.ki_a_rad / STILL_SHARE}) if at_rest else loop
 
     def off(part: Part) -> Part:
         return part.model_copy(update={"enabled": False})
