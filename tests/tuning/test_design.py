@@ -183,3 +183,16 @@ def test_tool_runs_as_module_and_as_file(command: list[str]) -> None:
     done = subprocess.run([sys.executable, *command, "--help"], cwd=ROOT, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0
     assert "Example: python tools/design_gains.py" in done.stdout
+
+
+def test_documented_margins_are_the_designed_ones(designed: Design) -> None:
+    text = (ROOT / "docs" / "tuning.md").read_text(encoding="utf-8").split("## Margins by the model")[1]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| ")]
+    disks = {tuple(cells[:6]): cells[10] for cells in rows if len(cells) == len(design_gains.COLUMNS)}
+    seen = 0
+    for row in designed.rows:
+        key = tuple(design_gains._row(row)[:6])
+        if key in disks:
+            seen += 1
+            assert (float(disks[key]) if disks[key] else None) == (pytest.approx(row.margins.disk, abs=0.011) if row.margins else None), key
+    assert seen == len(disks) - 1  # the head
