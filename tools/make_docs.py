@@ -17,10 +17,10 @@ from spsp_ctrl import messages
 from spsp_ctrl.cli import common
 from spsp_ctrl.config.rig import MechanismFile, RigConfig
 from spsp_ctrl.config.scenario import Scenario
+from spsp_ctrl.config.units import UNITS, spellings
 from spsp_ctrl.plant import layout
 from spsp_ctrl.plant.effects import EFFECTS, Parameter
 from spsp_ctrl.plant.model import ModelFile, Quantity, effect_keys, key, load_model
-from spsp_ctrl.plant.units import UNITS, spellings
 from spsp_ctrl.recording.schema import JSON_TOPICS, TOPICS, Codec, ros_name
 from spsp_ctrl.runtime.operator import VERBS
 from spsp_ctrl.safety.faults import FAULTS, Reaction

@@ -17,10 +17,10 @@ from pydantic import BaseModel
 
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import Scenario
+from spsp_ctrl.config.units import UNITS, spellings
 from spsp_ctrl.plant.effects import EFFECTS, Effect, Parameter
 from spsp_ctrl.plant.layout import AXIS_BASE, GLOBAL_BASE
 from spsp_ctrl.plant.model import ModelFile, effect_keys, key
-from spsp_ctrl.plant.units import UNITS, spellings
 
 FOLDER = Path(__file__).parents[1] / "config" / "schema"
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
