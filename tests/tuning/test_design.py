@@ -76,12 +76,12 @@ def test_loops_cross_where_they_were_asked_to(rig: RigConfig, model: PlantModel)
     """Rounded to two digits: crossover within 2 %, phase margin within 1 deg of the specification."""
     plant = axis_plant(model)
     p = law_params(with_law(rig, "cascade"))
-    p = p._replace(**speed_gains(p, plant, 24.0, 67.0))
+    p = replace(p, **speed_gains(p, plant, 24.0, 67.0))
     f = np.array([24.0])
     loop = -AxisLoops(p, plant, kind="joint").transfer("command", "command", f, cut=("command", "motor_est"))[0]
     assert abs(loop) == pytest.approx(1.0, abs=0.02)
     assert np.degrees(np.angle(-loop)) == pytest.approx(67.0, abs=1.0)
-    p = p._replace(**attitude_gains(p, plant, 6.0, 52.0))
+    p = replace(p, **attitude_gains(p, plant, 6.0, 52.0))
     found = AxisLoops(p, plant).all_margins()["imu"]
     assert found.crossover_hz == pytest.approx(6.0, rel=0.02)
     assert found.phase_deg == pytest.approx(52.0, abs=1.0)

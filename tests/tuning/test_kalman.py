@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi
 from typing import Any
 
@@ -127,8 +128,8 @@ def test_base_observer_is_filterpys_filter(rig: RigConfig) -> None:
 
 def test_estimator_feeds_the_base_observer_with_frames_taken_back_through_the_joints(rig: RigConfig) -> None:
     """Joints at rest at level: base tilt is the attitude, and filterpy's filter on the frames has the estimator's state."""
-    p = law_params(rig)._replace(base=gains_of(rig), screw_rate=0.0)
-    p = p._replace(pitch=p.pitch._replace(zero_offset_m=0.0), roll=p.roll._replace(zero_offset_m=0.0), thermal_m_k=0.0)
+    p = replace(law_params(rig), base=gains_of(rig), screw_rate=0.0, thermal_m_k=0.0)
+    p = replace(p, pitch=replace(p.pitch, zero_offset_m=0.0), roll=replace(p.roll, zero_offset_m=0.0))
     kf = base(rig)
     kalman.steady_gain(kf)
     rng = np.random.default_rng(5)

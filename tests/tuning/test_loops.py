@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import control as ct
@@ -194,7 +195,7 @@ def test_isolation_is_what_the_rig_does(rig: RigConfig, model: PlantModel, law: 
 
 def test_unstable_loop_has_no_margins(rig: RigConfig, model: PlantModel) -> None:
     p = law_params(rig)
-    loops = AxisLoops(p._replace(speed_kp=20.0 * p.speed_kp), axis_plant(model))
+    loops = AxisLoops(replace(p, speed_kp=20.0 * p.speed_kp), axis_plant(model))
     assert loops.smallest_disk() == 0.0
     with pytest.raises(UnstableLoopError, match="roll axis is unstable"):
         loops.all_margins()
@@ -203,7 +204,7 @@ def test_unstable_loop_has_no_margins(rig: RigConfig, model: PlantModel) -> None
 def test_velocity_mode_is_refused(rig: RigConfig, model: PlantModel) -> None:
     p = law_params(rig)
     with pytest.raises(ValueError, match="velocity mode"):
-        AxisLoops(p._replace(roll=p.roll._replace(velocity_mode=True)), axis_plant(model)).poles()
+        AxisLoops(replace(p, roll=replace(p.roll, velocity_mode=True)), axis_plant(model)).poles()
 
 
 def test_blocks_with_one_output_name_are_refused() -> None:

@@ -13,7 +13,7 @@ Every gain is rounded as it stands in the rig file before margins are taken.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from math import floor, log10
 from typing import Any, Literal
@@ -185,7 +185,7 @@ def design(config: RigConfig, model: PlantModel, spec: DesignSpec | None = None,
     designed: dict[Law, LawParams] = {}
     for k, (law, given) in enumerate(params.items()):
         progress(k, 2 * len(LAWS))
-        designed[law] = loop_gains(law, given._replace(**shared), plant, spec)
+        designed[law] = loop_gains(law, replace(given, **shared), plant, spec)
     result = Design(control=fragment(designed), noise=asdict(noise))
     for k, (law, p) in enumerate(designed.items()):
         progress(len(LAWS) + k, 2 * len(LAWS))
@@ -238,7 +238,7 @@ def observer_gains(p: LawParams, noise: kalman.MotorNoise, spec: DesignSpec) -> 
     base = kalman.steady_gain(kalman.base_filter(base_noise(spec), p.attitude_lag_s, p.gyro_lag_s, p.imu_period_s))
     yaw = [rounded(k) for k in kalman.steady_gain(kalman.yaw_filter(yaw_noise(spec), p.gyro_lag_s, p.imu_period_s))[:, 0]]
     by_attitude, by_gyro = ([rounded(k, BASE_DIGITS) for k in column] for column in base.T)
-    gains = p.base._replace(
+    gains = replace(p.base, 
         angle_by_attitude=by_attitude[0],
         rate_by_attitude=by_attitude[1],
         accel_by_attitude=by_attitude[2],
@@ -259,13 +259,13 @@ def loop_gains(law: Law, p: LawParams, plant: AxisPlant, spec: DesignSpec) -> La
         "performance": (spec.performance_speed_hz, spec.performance_speed_deg, spec.performance_rod_hz),
     }
     speed_hz, speed_deg, rod_hz = crossover[law]
-    p = p._replace(**speed_gains(p, plant, speed_hz, speed_deg))
-    p = p._replace(rod_kp=rod_gain(p, plant, rod_hz))
+    p = replace(p, **speed_gains(p, plant, speed_hz, speed_deg))
+    p = replace(p, rod_kp=rod_gain(p, plant, rod_hz))
     if law == "cascade":
-        return p._replace(**attitude_gains(p, plant, spec.cascade_attitude_hz, spec.cascade_attitude_deg))
+        return replace(p, **attitude_gains(p, plant, spec.cascade_attitude_hz, spec.cascade_attitude_deg))
     if law == "stabiliser":
-        alone = p._replace(observe=False, feedforward=True)
-        return p._replace(**attitude_gains(alone, plant, spec.stabiliser_attitude_hz, spec.stabiliser_attitude_deg))
+        alone = replace(p, observe=False, feedforward=True)
+        return replace(p, **attitude_gains(alone, plant, spec.stabiliser_attitude_hz, spec.stabiliser_attitude_deg))
     return p
 
 
@@ -283,7 +283,7 @@ def speed_gains(p: LawParams, plant: AxisPlant, crossover_hz: float, phase_deg: 
     f = np.array([crossover_hz])
     per_gain = []
     for kp, ki in ((1.0, 0.0), (0.0, 1.0)):
-        loops = AxisLoops(p._replace(speed_kp=kp, speed_ki=ki), plant, kind="joint")
+        loops = AxisLoops(replace(p, speed_kp=kp, speed_ki=ki), plant, kind="joint")
         # the motor loop alone: the position loop is open
         per_gain.append(-loops.transfer("command", "command", f, cut=("command", "motor_est"))[0])
     kp, ki = _two_gains(per_gain[0], per_gain[1], phase_deg, "speed loop")
@@ -292,7 +292,7 @@ def speed_gains(p: LawParams, plant: AxisPlant, crossover_hz: float, phase_deg: 
 
 def rod_gain(p: LawParams, plant: AxisPlant, crossover_hz: float) -> float:
     """Step 3."""
-    loops = AxisLoops(p._replace(rod_kp=1.0), plant, kind="joint")
+    loops = AxisLoops(replace(p, rod_kp=1.0), plant, kind="joint")
     return rounded(1.0 / abs(loops.transfer("motor_est", "motor_est", np.array([crossover_hz]), cut=("motor_est",))[0]))
 
 
@@ -302,7 +302,7 @@ def attitude_gains(p: LawParams, plant: AxisPlant, crossover_hz: float, phase_de
     f = np.array([crossover_hz])
     per_gain = []
     for kp, ki in ((1.0, 0.0), (0.0, 1.0)):
-        loops = AxisLoops(p._replace(kp=kp, ki=ki, td=td), plant, feedforward=False)
+        loops = AxisLoops(replace(p, kp=kp, ki=ki, td=td), plant, feedforward=False)
         per_gain.append(loops.responses(f)["imu"][0])
     kp, ki = _two_gains(per_gain[0], per_gain[1], phase_deg, "attitude loop")
     return {"kp": rounded(kp), "ki": rounded(ki), "td": td}
