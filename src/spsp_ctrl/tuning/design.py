@@ -47,7 +47,7 @@ class DesignSpec:
     motor_white_rad2_s3: float = 0.7
     """White acceleration of the motor: 26 rad/s2 per cycle, twice the reported current's noise (cogging and ripple beside it)."""
     motor_walk_rad2_s5: float = 1.1e4
-    """Random walk of the disturbance: friction that turns round once in 45 s by this measure; the integral of the speed loop has the rest."""
+    """Random walk of the disturbance: friction that turns round once in 90 s by this measure; the integral of the speed loop has the rest."""
     base_attitude_arcmin: float = 0.1
     """Standard deviation of one base tilt seen: attitude noise and what the joints add."""
     base_gyro_arcmin_s: float = 4.0
