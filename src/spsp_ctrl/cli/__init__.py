@@ -42,7 +42,3 @@ def main() -> None:
         traceback.print_exc()
         click.echo(f"internal error: {error!r}. This is a defect of spsp-ctrl; please report it with the lines above.", err=True)
         raise SystemExit(EXIT_INTERNAL) from None
-
-
-if __name__ == "__main__":
-    main()
