@@ -50,7 +50,10 @@ def check_invariants(result: SessionResult) -> None:
     assert stopping[0] >= DURATION_S * 1e9
     assert result.loop.ended == "completed"
     assert result.summary["log"]["lost"] == 0
-    assert all(row["touched_by_skips"] is bool(skipped) for row in result.summary["acceptance"])
+    # a row is touched only by what was skipped while it was judged
+    judged = (stamps >= result.summary["settle_s"] * 1e9) & (stamps <= DURATION_S * 1e9)
+    assert result.summary["timing_us"]["skipped_judged"] == int(timing["skipped"][judged].sum())
+    assert all(row["touched_by_skips"] is bool(timing["skipped"][judged].sum()) for row in result.summary["acceptance"])
 
 
 @pytest.mark.parametrize("real_time", [False, True], ids=["lock-step", "real-time"])
