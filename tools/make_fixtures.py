@@ -96,10 +96,12 @@ def thin(log: Path, out: Path) -> None:
                 number, topic = channels[record.channel_id]
                 data = record.data
                 if topic == "/control":
-                    row = np.frombuffer(data, dtype).copy()
+                    # in place: a copy of a padded dtype does not keep the header and the padding
+                    buffer = bytearray(data)
+                    row = np.frombuffer(buffer, dtype)
                     for name in blank:
                         row[name] = np.nan
-                    data = row.tobytes()
+                    data = bytes(buffer)
                 writer.add_message(number, record.log_time, data, record.publish_time, record.sequence)
             elif isinstance(record, Attachment):
                 writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)

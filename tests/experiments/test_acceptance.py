@@ -13,7 +13,7 @@ from spsp_ctrl.config.loader import apply_overrides, load_rig, load_scenario
 from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments import summary
 from spsp_ctrl.messages import Control, Measurement, OperatorRequest, Timing, Truth
-from spsp_ctrl.plant.model import load_model
+from spsp_ctrl.plant.model import PlantModel, load_model
 from spsp_ctrl.recording.schema import TOPICS
 from spsp_ctrl.rig.simulated import SimulatedRig
 from spsp_ctrl.runtime import cycle
@@ -47,9 +47,12 @@ class Memory:
         return {topic: np.frombuffer(b"".join(rows), TOPICS[topic].dtype) for topic, rows in self.rows.items()}
 
 
-def run(*sets: str, scenario: Scenario = SWING, seed: int = 1) -> tuple[LoopResult, dict[str, NDArray[Any]]]:
+def run(
+    *sets: str, scenario: Scenario = SWING, seed: int = 1, model: PlantModel = MODEL
+) -> tuple[LoopResult, dict[str, NDArray[Any]]]:
+    """One run in lock-step: how it ended, and its cyclic topics as the log would hold them."""
     config = apply_overrides(RIG, sets).model if sets else RIG.model
-    rig = SimulatedRig(config, MODEL, scenario, seed)
+    rig = SimulatedRig(config, model, scenario, seed)
     rig.open()
     memory = Memory()
     result = run_loop(

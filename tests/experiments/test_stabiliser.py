@@ -10,18 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.experiments.test_acceptance import MODEL, RIG, Memory, changed
+from tests.experiments.test_acceptance import MODEL, changed, run
 
-from spsp_ctrl.config.loader import apply_overrides
 from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments import summary
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.layout import N_AXIS_PARAMETERS, A, G
 from spsp_ctrl.plant.model import PlantModel
-from spsp_ctrl.rig.simulated import SimulatedRig
-from spsp_ctrl.runtime import cycle
-from spsp_ctrl.runtime.clock import LockStepClock
-from spsp_ctrl.runtime.loop import LoopResult, run_loop
+from spsp_ctrl.runtime.loop import LoopResult
 
 Sines = list[tuple[float, float]]
 
@@ -66,23 +62,11 @@ def held(
     scenario: Scenario, *sets: str, model: PlantModel = MODEL, seeds: tuple[int, ...] = (1, 2)
 ) -> tuple[dict[str, float], list[dict[str, object]], LoopResult]:
     """Worst axis and seed of each figure, and the events of the last run."""
-    config = apply_overrides(RIG, sets).model if sets else RIG.model
     worst = {"imu_max": 0.0, "imu_rms": 0.0, "true_max": 0.0}
     for seed in seeds:
-        rig = SimulatedRig(config, model, scenario, seed)
-        rig.open()
-        memory = Memory()
-        result = run_loop(
-            rig,
-            LockStepClock(round(1e9 / config.rate_hz)),
-            cycle.controller(config),
-            cycle.start(config, scenario.reference),
-            round(scenario.duration_s * 1e9),
-            memory,
-            rate_hz=config.rate_hz,
-        )
+        result, topics = run(*sets, scenario=scenario, seed=seed, model=model)
         assert result.ended == "completed", result.ended
-        figures = summary.errors(memory.topics(), scenario.settle_s, scenario.duration_s)
+        figures = summary.errors(topics, scenario.settle_s, scenario.duration_s)
         assert figures["samples"] > 5000
         for name in worst:
             worst[name] = max(worst[name], *(figures["error_arcmin"][axis][name] for axis in ("pitch", "roll")))
@@ -149,15 +133,9 @@ def test_taking_over_while_moving_does_not_jump() -> None:
     hot = "control.stabiliser.speed.kp_a_s_rad=0.15"
     corner = plant(torque_constant_nm_a=1.3, rotor_inertia_kg_m2=0.7)
     scenario = swing([], [(8.0, 4.0)], duration_s=14.0)
-    config = apply_overrides(RIG, (hot, "control.watch.window_s=6.0", "control.watch.chatter_a=0.1")).model
-    rig = SimulatedRig(config, corner, scenario, 1)
-    rig.open()
-    memory = Memory()
-    run_loop(
-        rig, LockStepClock(1_000_000), cycle.controller(config), cycle.start(config, scenario.reference),
-        14_000_000_000, memory, rate_hz=1000,
-    )  # fmt: skip
-    control, truth = memory.topics()["/control"], memory.topics()["/truth"]
+    late = (hot, "control.watch.window_s=6.0", "control.watch.chatter_a=0.1")
+    _, topics = run(*late, scenario=scenario, model=corner)
+    control, truth = topics["/control"], topics["/truth"]
     steps = np.flatnonzero(np.diff(control["law_step"]))
     assert len(steps) == 1
     at = int(steps[0])

@@ -26,6 +26,8 @@ class GapState(NamedTuple):
 
 START = GapState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _new = tuple.__new__
+PULL = 0.05
+"""Share per cycle by which the integrated offset is drawn to the one that the force asks for (gravity changes, rounding)."""
 
 
 def step(state: GapState, gap: GapParams, rod_rate_m_s: float, moving: float, gravity_n: float, dt: float) -> GapState:
@@ -78,10 +80,6 @@ def follow(state: Flank, gap: GapParams, screw_step_m: float, gravity_n: float, 
     wanted = gap.half_gap_m * tanh(force / gap.width_n) + force / gap.stiffness_n_m
     offset += screw_step_m - rod
     return _new(Flank, (friction, offset + PULL * (wanted - offset), share))
-
-
-PULL = 0.05
-"""Share per cycle by which the integrated offset is drawn to the one that the force asks for (gravity changes, rounding)."""
 
 
 def gravity_forces(
