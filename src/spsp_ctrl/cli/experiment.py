@@ -22,7 +22,10 @@ DEFAULT_RIG = Path("config/rig.yaml")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the results; default runs/<UTC time>.")
 @click.option("--fast", is_flag=True, help="Lock-step, as fast as the computer allows. This is the default and the only way.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the first repeat; the others count on from it.")
-@click.option("--repeats", type=click.IntRange(1, 100), metavar="N", help="Repeats of each motion instead of the scenario's own number.")
+@click.option(
+    "--repeats", "--n", "repeats", type=click.IntRange(1, 1000), metavar="N", help="Repeats, or draws, instead of the scenario's own number."
+)
+@click.option("--variant", "only", multiple=True, metavar="NAME", help="Only this variant (and those it needs); may be given several times.")
 @click.option("--jobs", "-j", default=2, show_default=True, type=click.IntRange(1, 64), help="Processes.")
 @click.option("--no-logs", is_flag=True, help="Delete each run's log once it is evaluated (a log takes about 0.8 MB per simulated second).")
 @click.option("--strict", is_flag=True, help="Exit with 1 when an acceptance row fails.")
@@ -36,6 +39,7 @@ def experiment(
     fast: bool,
     seed: int | None,
     repeats: int | None,
+    only: tuple[str, ...],
     jobs: int,
     no_logs: bool,
     strict: bool,
@@ -55,15 +59,20 @@ def experiment(
 
     rig = runner.load_rig_with(config, overrides)
     paths = list(catalogue.shipped(config).values()) if name == "all" else [catalogue.find(name, config)]
-    experiments = sorted((runner.load(path, rig, seed, repeats) for path in paths), key=lambda e: e.scenario.position)
+    experiments = sorted((runner.load(path, rig, seed, repeats, only) for path in paths), key=lambda e: e.scenario.position)
     if name == "all":
         experiments = [e for e in experiments if e.scenario.position < catalogue.STUDIES]
+    if name == "all" and only:
+        raise click.UsageError("--variant picks variants of one experiment; name it instead of `all`")
     folder = runner.open_folder(out)
     folders = [folder / e.name for e in experiments] if name == "all" else [folder]
     for path in folders:
         path.mkdir(parents=True, exist_ok=True)
     if not as_json:
         count = sum(len(e.cases) for e in experiments)
+        for e in experiments:
+            if e.scenario.repeats.first_seed == "commit":
+                click.echo(f"{e.name}: seed {e.seed} ({e.seed_from}); --seed {e.seed} repeats it", err=True)
         click.echo(f"{count} runs in {jobs} processes; the first start compiles the plant, about 10 s ...", err=True)
     with bar("simulating", as_json) as advance:
         outcomes = runner.run(experiments, folders, jobs, not no_logs, lambda done, total: advance(round(done), round(total)))
@@ -90,8 +99,10 @@ def _list(config: Path, as_json: bool) -> None:
     for name, path in catalogue.shipped(config).items():
         plan = load_scenario(path).model
         laws = max(1, len(plan.laws))
-        runs = sum((len(v.laws) or laws) for v in plan.variants) if plan.variants else laws
-        rows.append({"name": name, "position": plan.position, "title": plan.title, "runs": runs * plan.repeats.count, "file": str(path)})
+        count = plan.repeats.count
+        runs = sum((len(v.laws) or laws) * (v.repeats or count) for v in plan.variants) if plan.variants else laws * count
+        runs *= max(1, len(plan.motions))
+        rows.append({"name": name, "position": plan.position, "title": plan.title, "runs": runs, "file": str(path)})
     rows.sort(key=lambda row: (row["position"], row["name"]))
     if as_json:
         click.echo(json.dumps(rows, indent=2))

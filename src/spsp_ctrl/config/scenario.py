@@ -5,16 +5,13 @@ from __future__ import annotations
 from math import isclose
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from spsp_ctrl.config.drawn import Drawn
+from spsp_ctrl.config.strict import Strict as Strict
 
 SCENARIO_SCHEMA = "spsp-ctrl/scenario/1"
 Law = Literal["cascade", "stabiliser"]
-
-
-class Strict(BaseModel):
-    """Base of every config model: unknown keys, NaN and infinity are errors; instances do not change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 class Sine(Strict):
@@ -199,6 +196,22 @@ class Dropout(Strict):
     """When it goes silent."""
     duration_s: float = Field(gt=0.0, le=3600.0)
     """For how long."""
+    count: int = Field(default=1, ge=1, le=1000)
+    """How many times."""
+    every_s: float = Field(default=1.0, gt=0.0, le=3600.0)
+    """From the start of one to the start of the next."""
+
+    @model_validator(mode="after")
+    def _apart(self) -> Dropout:
+        if self.count > 1 and self.every_s <= self.duration_s:
+            raise ValueError(f"every_s ({self.every_s:g}) must be above duration_s ({self.duration_s:g})")
+        return self
+
+    @property
+    def spans_s(self) -> tuple[tuple[float, float], ...]:
+        """Start and end of each silence."""
+        starts = (self.at_s + k * self.every_s for k in range(self.count))
+        return tuple((start, start + self.duration_s) for start in starts)
 
 
 class Acceptance(Strict):
@@ -224,6 +237,8 @@ class Acceptance(Strict):
     note: str = ""
     law: Law | None = None
     variant: str | tuple[str, ...] = ()
+    motion: str = ""
+    """One of `motions`; all of them when absent."""
     relative_to: str = ""
     """A variant: the figure is divided by that variant's and given in per cent."""
     across: tuple[str, ...] = ()
@@ -261,8 +276,8 @@ class Repeats(Strict):
     """The same motion again: run ``k`` has the seed ``first_seed + k`` and, with ``spread_phases``, other phases."""
 
     count: int = Field(default=1, ge=1, le=100)
-    first_seed: int | None = Field(default=None, ge=0, le=2**31 - 1)
-    """The rig file's own when absent."""
+    first_seed: Annotated[int, Field(ge=0, le=2**31 - 1)] | Literal["commit"] | None = None
+    """The rig file's own when absent. `commit`: made from the commit of the program, so that nobody could tune on it; it is printed."""
     spread_phases: bool = False
     """Adds ``k`` times 137.5 deg to the phases of roll and ``k`` times 222.5 deg to those of pitch: never the same pair twice."""
 
@@ -284,10 +299,22 @@ class ModelChange(Strict):
         return self
 
 
+NAME = r"^[A-Za-z0-9][A-Za-z0-9 .,()_+-]*$"
+
+
+class Identified(Strict):
+    """A figure of another variant: the mean over its runs under the same law."""
+
+    variant: str
+    """Whose runs."""
+    value: str
+    """Dotted path in `summary.json`."""
+
+
 class Variant(Strict):
     """A named change of an experiment. Mappings are laid over mappings, everything else replaces what stood there."""
 
-    name: str = Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9][A-Za-z0-9 .,()_+-]*$")
+    name: str = Field(min_length=1, max_length=40, pattern=NAME)
     rig: dict[str, Any] = Field(default_factory=dict)
     """Laid over the rig file."""
     model: dict[str, ModelChange] = Field(default_factory=dict)
@@ -295,6 +322,20 @@ class Variant(Strict):
     scenario: dict[str, Any] = Field(default_factory=dict)
     """Laid over this file."""
     laws: tuple[Law, ...] = ()
+    repeats: int | None = Field(default=None, ge=1, le=1000)
+    """Runs of this variant instead of `repeats.count`; `--repeats` does not change it."""
+    drawn: Drawn = Drawn()
+    """What is drawn from the seed of each run."""
+    identified: dict[str, Identified] = Field(default_factory=dict)
+    """Keys of the rig file, dotted, that take figures of another variant's runs; those are made first."""
+
+
+class Motion(Strict):
+    """A named motion: every variant is played on each of them."""
+
+    name: str = Field(min_length=1, max_length=40, pattern=NAME)
+    scenario: dict[str, Any] = Field(default_factory=dict)
+    """Laid over this file, below the variant's own."""
 
 
 class Bench(Strict):
@@ -326,7 +367,7 @@ class Bench(Strict):
         return self
 
 
-FigureName = Literal["errors", "stations", "open_loop", "push_rod", "heading", "thermal", "base"]
+FigureName = Literal["errors", "stations", "open_loop", "push_rod", "heading", "thermal", "base", "ladder", "draws"]
 
 
 class Scenario(Strict):
@@ -366,6 +407,8 @@ class Scenario(Strict):
     """Variation of the plant for every run."""
     repeats: Repeats = Repeats()
     variants: Annotated[tuple[Variant, ...], Field(max_length=50)] = ()
+    motions: Annotated[tuple[Motion, ...], Field(max_length=20)] = ()
+    """Motions to play each variant on; only the file's own when empty."""
     figures: tuple[FigureName, ...] = ("errors",)
     acceptance: AcceptanceRows = ()
 
@@ -379,4 +422,11 @@ class Scenario(Strict):
             for name in (*row.variants, *row.across, *((row.relative_to,) if row.relative_to else ())):
                 if name and name not in names:
                     raise ValueError(f"acceptance row {row.name!r} names the variant {name!r}; known: {', '.join(names) or 'none'}")
+            if row.motion and row.motion not in [m.name for m in self.motions]:
+                raise ValueError(f"acceptance row {row.name!r} names the motion {row.motion!r}, which is not under motions")
+        for variant in self.variants:
+            for found in variant.identified.values():
+                sources = [v for v in self.variants if v.name == found.variant and not v.identified]
+                if not sources:
+                    raise ValueError(f"variant {variant.name!r} takes figures of {found.variant!r}, which is no variant with given values")
         return self

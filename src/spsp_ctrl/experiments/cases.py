@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import copy
+import difflib
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
+from spsp_ctrl.config.drawn import Drawn
 from spsp_ctrl.config.loader import ConfigError, ConfigProblem, Loaded, Location, dump_resolved, validate_data
 from spsp_ctrl.config.rig import RigConfig
-from spsp_ctrl.config.scenario import ModelChange, Scenario
+from spsp_ctrl.config.scenario import Identified, ModelChange, Motion, Scenario, Variant
+from spsp_ctrl.experiments.draws import DrawError, commit_seed, draw
 from spsp_ctrl.experiments.variation import VariationError, vary
 from spsp_ctrl.plant.model import PlantModel
 
 PHASE_STEP_DEG = {"pitch": 222.5, "roll": 137.5}
 """Golden angle for roll and its complement for pitch: repeats fill the circle evenly and never meet again."""
-_EXPERIMENT_KEYS = ("laws", "rig", "model", "repeats", "variants", "acceptance", "position", "paper", "note")
+_EXPERIMENT_KEYS = ("laws", "rig", "model", "repeats", "variants", "motions", "acceptance", "position", "paper", "note")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +35,18 @@ class Case:
     config: RigConfig
     scenario: Scenario
     model_text: str
+    motion: str = ""
+    """Empty when the experiment names no motions."""
+    drawn: dict[str, Any] = field(default_factory=dict)
+    """What was drawn from the seed."""
+    identified: Mapping[str, Identified] = field(default_factory=dict)
+    """Keys of the rig file that take figures of other runs (``settle``)."""
 
     @property
     def key(self) -> str:
-        """Name for people and for the folder: ``variant/law-1``."""
-        slug = re.sub(r"[^A-Za-z0-9.+-]+", "-", self.variant).strip("-")
-        return f"{slug + '/' if slug else ''}{self.law}-{self.repeat + 1}"
+        """Name for people and for the folder: ``variant/motion/law-1``."""
+        slugs = (re.sub(r"[^A-Za-z0-9.+-]+", "-", name).strip("-") for name in (self.variant, self.motion))
+        return f"{''.join(slug + '/' for slug in slugs if slug)}{self.law}-{self.repeat + 1}"
 
     @property
     def work_s(self) -> float:
@@ -47,27 +57,85 @@ class Case:
         return 2.0 * abs(bench.to_mm - bench.from_mm) / bench.step_mm * (bench.move_s + bench.dwell_s)
 
 
+def first_seed(plan: Scenario, rig: RigConfig, seed: int | None = None) -> tuple[int, str]:
+    """Seed of the first repeat and, in words, where it comes from."""
+    if seed is not None:
+        return seed, "given"
+    if plan.repeats.first_seed == "commit":
+        return commit_seed()
+    if plan.repeats.first_seed is not None:
+        return plan.repeats.first_seed, "the scenario"
+    return rig.rig.seed, "the rig file"
+
+
 def expand(
-    scenario: Loaded[Scenario], rig: Loaded[RigConfig], model: PlantModel, seed: int | None = None, repeats: int | None = None
+    scenario: Loaded[Scenario],
+    rig: Loaded[RigConfig],
+    model: PlantModel,
+    seed: int | None = None,
+    repeats: int | None = None,
+    only: Sequence[str] = (),
 ) -> list[Case]:
-    """Every run of an experiment. Raises ``ConfigError`` that names the line of the overlay at fault."""
+    """Every run of an experiment, or of the variants named by ``only`` and those whose figures they need.
+
+    Raises ``ConfigError`` that names the line of the overlay at fault.
+    """
     plan = scenario.model
-    count = plan.repeats.count if repeats is None else repeats
-    first = seed if seed is not None else plan.repeats.first_seed if plan.repeats.first_seed is not None else rig.model.rig.seed
-    variants: list[tuple[str, Location, Any]] = [(v.name, ("variants", i), v) for i, v in enumerate(plan.variants)] or [("", (), None)]
+    first, _ = first_seed(plan, rig.model, seed)
+    variants: list[tuple[str, Location, Variant]] = [(v.name, ("variants", i), v) for i, v in enumerate(plan.variants)]
+    variants = _chosen(scenario, variants, only) or [("", (), Variant(name="-"))]
+    motions: list[tuple[str, Location]] = [(m.name, ("motions", i)) for i, m in enumerate(plan.motions)] or [("", ())]
     base_model = _vary(scenario, ("model",), model, plan.model)
     cases = []
     for name, place, variant in variants:
-        session = _session(scenario, place, variant.scenario if variant else {})
-        varied = _vary(scenario, (*place, "model"), base_model, variant.model) if variant else base_model
+        varied = _vary(scenario, (*place, "model"), base_model, variant.model) if place else base_model
         text = dump_resolved(varied.file)
-        laws = (variant.laws if variant else ()) or plan.laws or (rig.model.control.law,)
-        for law in laws:
-            config = _config(scenario, rig, plan.rig, place, variant.rig if variant else {}, law)
-            for k in range(count):
-                shifted = _shifted(session, k) if plan.repeats.spread_phases else session
-                cases.append(Case(name, law, k, first + k, config, shifted, text))
+        count = variant.repeats or (plan.repeats.count if repeats is None else repeats)
+        for motion, motion_place in motions:
+            session = _session(scenario, motion_place, place)
+            for law in variant.laws or plan.laws or (rig.model.control.law,):
+                config = _config(scenario, rig, plan.rig, place, variant.rig, law)
+                for k in range(count):
+                    shifted = _shifted(session, k) if plan.repeats.spread_phases else session
+                    case = Case(name, law, k, first + k, config, shifted, text, motion, identified=variant.identified)
+                    cases.append(_drawn(scenario, place, variant.drawn, case, varied))
     return cases
+
+
+def _chosen(loaded: Loaded[Scenario], variants: list[tuple[str, Location, Variant]], only: Sequence[str]) -> list[tuple[str, Location, Variant]]:
+    names = [name for name, _, _ in variants]
+    for name in only:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
+            hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(names) or 'none'}"
+            raise ConfigError([ConfigProblem(loaded.path, 0, 0, f"no variant {name!r}; {hint}")])
+    if not only:
+        return variants
+    needed = {i.variant for name, _, v in variants if name in only for i in v.identified.values()}
+    return [entry for entry in variants if entry[0] in only or entry[0] in needed]
+
+
+def _drawn(loaded: Loaded[Scenario], place: Location, drawn: Drawn, case: Case, model: PlantModel) -> Case:
+    if drawn.motion is None and drawn.plant is None:
+        return case
+    try:
+        scenario, changes, about = draw(drawn, case.variant, case.seed, case.scenario, case.config, model)
+        text = dump_resolved(vary(model, changes).file) if changes else case.model_text
+    except (DrawError, VariationError) as error:
+        line, column = loaded.locate((*place, "drawn"))
+        raise ConfigError([ConfigProblem(loaded.path, line, column, f"{case.variant}, seed {case.seed}: {error}")]) from None
+    return replace(case, scenario=scenario, model_text=text, drawn=about)
+
+
+def settle(case: Case, figures: Mapping[str, float]) -> Case:
+    """``case`` with the identified keys of its rig file set to ``figures``. Raises ``ConfigError`` for a key or value that does not fit."""
+    data = case.config.model_dump(by_alias=True)
+    for key, value in figures.items():
+        overlay: Any = value
+        for part in reversed(key.split(".")):
+            overlay = {part: overlay}
+        data = merged(data, overlay)
+    return replace(case, config=validate_data(Path(f"{case.variant}: identified"), data, {}, RigConfig).model, identified={})
 
 
 def merged(below: Any, above: Any) -> Any:
@@ -83,15 +151,28 @@ def _marks(loaded: Loaded[Scenario], place: Location) -> dict[Location, tuple[in
     return {(): loaded.locate(place), **found}
 
 
-def _session(loaded: Loaded[Scenario], place: Location, overlay: Mapping[str, Any]) -> Scenario:
-    """The scenario of a run: the file's own with the overlay, without what belongs to the experiment."""
-    data = merged({k: v for k, v in loaded.data.items() if k not in _EXPERIMENT_KEYS}, overlay)
-    inside = sorted(set(data) & set(_EXPERIMENT_KEYS))
-    if inside:
-        line, column = loaded.locate((*place, "scenario", inside[0]))
-        text = f"a variant cannot change {inside[0]!r} of the experiment; write it beside `scenario:`"
-        raise ConfigError([ConfigProblem(loaded.path, line, column, text)])
-    marks = loaded.marks | _marks(loaded, (*place, "scenario")) if overlay else loaded.marks
+def _overlay(loaded: Loaded[Scenario], place: Location) -> Mapping[str, Any]:
+    plan = loaded.model
+    entries: Sequence[Variant | Motion] = plan.variants if place[0] == "variants" else plan.motions
+    return entries[int(place[1])].scenario
+
+
+def _session(loaded: Loaded[Scenario], *places: Location) -> Scenario:
+    """The scenario of a run: the file's own with the overlays at ``places`` (a motion's, a variant's), without what belongs to the experiment."""
+    data: Any = {k: v for k, v in loaded.data.items() if k not in _EXPERIMENT_KEYS}
+    marks = loaded.marks
+    for place in places:
+        if not place:
+            continue
+        overlay = _overlay(loaded, place)
+        inside = sorted(set(overlay) & set(_EXPERIMENT_KEYS))
+        if inside:
+            line, column = loaded.locate((*place, "scenario", inside[0]))
+            text = f"a {str(place[0])[:-1]} cannot change {inside[0]!r} of the experiment; write it beside `scenario:`"
+            raise ConfigError([ConfigProblem(loaded.path, line, column, text)])
+        data = merged(data, overlay)
+        if overlay:
+            marks = marks | _marks(loaded, (*place, "scenario"))
     return validate_data(loaded.path, data, marks, Scenario).model
 
 

@@ -6,14 +6,15 @@ import json
 import multiprocessing
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from spsp_ctrl.config.loader import Loaded, load_rig, load_scenario, resolve_reference
+from spsp_ctrl.config.loader import ConfigError, ConfigProblem, Loaded, load_rig, load_scenario, resolve_reference
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import Scenario
-from spsp_ctrl.experiments.cases import Case, expand
+from spsp_ctrl.experiments.cases import Case, expand, first_seed, settle
+from spsp_ctrl.experiments.summary import look_up
 from spsp_ctrl.experiments.verdict import CaseResult, Verdict, judge
 
 SUMMARY_NAME = "summary.json"
@@ -29,6 +30,12 @@ class Experiment:
     path: Path
     scenario: Scenario
     cases: tuple[Case, ...]
+    seed: int = 0
+    """Of the first repeat."""
+    seed_from: str = ""
+    """Where it comes from, in words."""
+    partial: bool = False
+    """Not all of its variants: rows of the others are left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +61,8 @@ class Outcome:
         return {
             "experiment": self.experiment.name,
             "title": self.experiment.scenario.title,
+            "seed": self.experiment.seed,
+            "seed_from": self.experiment.seed_from,
             "pass": self.passed,
             "acceptance": [v.to_dict() for v in self.verdicts],
             "runs": [{k: v for k, v in asdict(r).items() if k != "curves"} for r in self.results],
@@ -61,14 +70,16 @@ class Outcome:
 
 
 def load(
-    path: Path, rig: Loaded[RigConfig], seed: int | None = None, repeats: int | None = None
+    path: Path, rig: Loaded[RigConfig], seed: int | None = None, repeats: int | None = None, only: Sequence[str] = ()
 ) -> Experiment:
     """Read and check an experiment and all its runs, before anything moves. Raises ``ConfigError``."""
     from spsp_ctrl.plant.model import load_model
 
     scenario = load_scenario(path)
     model = load_model(resolve_reference(rig, ("rig", "model")))
-    return Experiment(scenario.model.name, path, scenario.model, tuple(expand(scenario, rig, model, seed, repeats)))
+    first, source = first_seed(scenario.model, rig.model, seed)
+    cases = tuple(expand(scenario, rig, model, seed, repeats, only))
+    return Experiment(scenario.model.name, path, scenario.model, cases, first, source, bool(only))
 
 
 def run_case(case: Case, folder: Path, keep_log: bool = True) -> CaseResult:
@@ -89,7 +100,7 @@ def run_case(case: Case, folder: Path, keep_log: bool = True) -> CaseResult:
             curves = summary.curves(result.log.topics, case.config, case.scenario, session.imu_bias(model_path))
     if not keep_log:
         (folder / session.LOG_NAME).unlink(missing_ok=True)
-    return CaseResult(case.key, case.variant, case.law, case.repeat, case.seed, ended, figures, curves)
+    return CaseResult(case.key, case.variant, case.law, case.repeat, case.seed, ended, figures, curves, case.motion, case.drawn)
 
 
 def run(
@@ -104,14 +115,28 @@ def run(
     done = 0.0
     found: dict[tuple[int, int], CaseResult] = {}
     progress(0.0, total)
-    for (i, k, case, _), result in _results(work, jobs, keep_logs):
-        found[i, k] = result
-        done += case.work_s
-        progress(done, total)
+    taken: dict[tuple[int, int], dict[str, float]] = {}
+    first = [item for item in work if not item[2].identified]
+    for wave in (first, None):
+        if wave is None:
+            later = [item for item in work if item[2].identified]
+            if not later:
+                break
+            wave = []
+            for i, k, case, folder in later:
+                taken[i, k] = _identify(case, [found[i, j] for j in range(len(experiments[i].cases)) if (i, j) in found])
+                wave.append((i, k, settle(case, taken[i, k]), folder))
+        for (i, k, case, _), result in _results(wave, jobs, keep_logs):
+            found[i, k] = replace(result, identified=taken.get((i, k), {}))
+            done += case.work_s
+            progress(done, total)
     outcomes = []
     for i, experiment in enumerate(experiments):
         results = tuple(found[i, k] for k in range(len(experiment.cases)))
-        outcome = Outcome(experiment, results, tuple(judge(experiment.scenario.acceptance, results)))
+        verdicts = judge(experiment.scenario.acceptance, results)
+        if experiment.partial:
+            verdicts = [v for v in verdicts if v.by_law]
+        outcome = Outcome(experiment, results, tuple(verdicts))
         text = json.dumps(outcome.to_dict(), indent=2, allow_nan=False) + "\n"
         (folders[i] / SUMMARY_NAME).write_text(text, encoding="utf-8")
         (folders[i] / "experiment.yaml").write_bytes(experiment.path.read_bytes())
@@ -119,11 +144,25 @@ def run(
     return outcomes
 
 
+def _identify(case: Case, results: Sequence[CaseResult]) -> dict[str, float]:
+    """The figures that a case takes from finished runs: means over the repeats under the same law. Raises ``ConfigError`` where one is missing."""
+    taken = {}
+    for key, wanted in case.identified.items():
+        runs = [r for r in results if r.variant == wanted.variant and r.law == case.law and r.motion == case.motion]
+        values = [look_up(r.figures, wanted.value) for r in runs]
+        good = [v for v in values if v is not None]
+        if not good or len(good) < len(values):
+            text = f"variant {case.variant!r} takes {wanted.value!r} of {wanted.variant!r}, which has no such figure"
+            raise ConfigError([ConfigProblem(None, 0, 0, text)])
+        taken[key] = sum(good) / len(good)
+    return taken
+
+
 Work = tuple[int, int, Case, Path]
 
 
 def _results(work: list[Work], jobs: int, keep_logs: bool) -> Iterable[tuple[Work, CaseResult]]:
-    if jobs <= 1 or len(work) == 1:
+    if jobs <= 1 or len(work) <= 1:
         for item in work:
             yield item, run_case(item[2], item[3], keep_logs)
         return

@@ -24,6 +24,11 @@ class CaseResult:
     ended: str
     figures: Figures
     curves: Curves = field(default_factory=dict)
+    motion: str = ""
+    drawn: dict[str, Any] = field(default_factory=dict)
+    """What was drawn from the seed."""
+    identified: dict[str, float] = field(default_factory=dict)
+    """Keys of the rig file that were taken from figures of other runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +85,7 @@ def judge(rows: Sequence[Acceptance], results: Sequence[CaseResult]) -> list[Ver
         for law in laws:
             if row.law is not None and row.law != law:
                 continue
-            found = _found(row, [r for r in results if r.law == law])
+            found = _found(row, [r for r in results if r.law == law and row.motion in ("", r.motion)])
             if found is not None:
                 by_law[law] = found
         unit = "%" if row.relative_to else row.unit
@@ -111,7 +116,7 @@ def _value(row: Acceptance, result: CaseResult, results: Sequence[CaseResult]) -
     value = _figure(result, row.value)
     if not row.relative_to or value is None:
         return value
-    twin = next((r for r in results if r.variant == row.relative_to and r.repeat == result.repeat), None)
+    twin = next((r for r in results if r.variant == row.relative_to and r.repeat == result.repeat and r.motion == result.motion), None)
     below = _figure(twin, row.value) if twin is not None else None
     return 100.0 * value / below if below else None
 
@@ -129,8 +134,8 @@ def _shape(row: Acceptance, results: Sequence[CaseResult]) -> Found | None:
     """The smallest step from one variant to the next, repeat by repeat."""
     sign = 1.0 if row.order == "rising" else -1.0
     smallest, at, seen = inf, "", False
-    for repeat in sorted({r.repeat for r in results}):
-        line = [next((r for r in results if r.variant == name and r.repeat == repeat), None) for name in row.across]
+    for motion, repeat in sorted({(r.motion, r.repeat) for r in results}):
+        line = [next((r for r in results if (r.variant, r.motion, r.repeat) == (name, motion, repeat)), None) for name in row.across]
         if any(r is None for r in line):
             continue
         values = [_figure(r, row.value) for r in line if r is not None]

@@ -171,4 +171,4 @@ def render(scenario: Scenario, results: Results) -> str:
     good = [r for r in results if r.curves]
     if not good:
         return '<p class="note">No run completed: nothing to draw.</p>'
-    return "".join(render_chart(chart) for name in scenario.figures for chart in FIGURES[name](scenario, good))
+    return "".join(render_chart(chart) for name in scenario.figures if name in FIGURES for chart in FIGURES[name](scenario, good))

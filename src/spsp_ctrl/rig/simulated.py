@@ -53,7 +53,7 @@ class SimulatedRig:
         self._azimuth_every = max(1, round(config.rate_hz / config.azimuth.rate_hz))
         self._temperature_every = max(1, config.rate_hz // TEMPERATURE_HZ)
         self._temperature_error_c = scenario.temperature.sensor_error_c
-        self._dropouts = tuple((d.at_s, d.at_s + d.duration_s) for d in scenario.dropouts)
+        self._dropouts = tuple(span for d in scenario.dropouts for span in d.spans_s)
         self._velocity_modes = (config.pitch_actuator.mode == "velocity", config.roll_actuator.mode == "velocity")
         self._active = np.zeros(N_COMMAND)
         self._active_memory = self._active.data
