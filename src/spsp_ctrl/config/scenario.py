@@ -299,7 +299,7 @@ class ModelChange(Strict):
         return self
 
 
-NAME = r"^[A-Za-z0-9][A-Za-z0-9 .,()_+-]*$"
+NAME = r"^[A-Za-z0-9][A-Za-z0-9 .,()/_+-]*$"
 
 
 class Identified(Strict):

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from spsp_ctrl.config.loader import ConfigError, ConfigProblem, Loaded, load_rig, load_scenario, resolve_reference
 from spsp_ctrl.config.rig import RigConfig
@@ -16,6 +16,9 @@ from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments.cases import Case, expand, first_seed, settle
 from spsp_ctrl.experiments.summary import look_up
 from spsp_ctrl.experiments.verdict import CaseResult, Verdict, judge
+
+if TYPE_CHECKING:
+    from spsp_ctrl.experiments.margins import MarginRow
 
 SUMMARY_NAME = "summary.json"
 MODEL_NAME = "model.yaml"
@@ -45,6 +48,8 @@ class Outcome:
     experiment: Experiment
     results: tuple[CaseResult, ...]
     verdicts: tuple[Verdict, ...]
+    margins: tuple[MarginRow, ...] = ()
+    """Of the loops of each variant, where the scenario's ``figures`` name the ladder."""
 
     @property
     def passed(self) -> bool:
@@ -65,6 +70,7 @@ class Outcome:
             "seed_from": self.experiment.seed_from,
             "pass": self.passed,
             "acceptance": [v.to_dict() for v in self.verdicts],
+            **({"margins": [asdict(m) for m in self.margins]} if self.margins else {}),
             "runs": [{k: v for k, v in asdict(r).items() if k != "curves"} for r in self.results],
         }
 
@@ -136,7 +142,12 @@ def run(
         verdicts = judge(experiment.scenario.acceptance, results)
         if experiment.partial:
             verdicts = [v for v in verdicts if v.by_law]
-        outcome = Outcome(experiment, results, tuple(verdicts))
+        margins: tuple[MarginRow, ...] = ()
+        if "ladder" in experiment.scenario.figures:
+            from spsp_ctrl.experiments.margins import margin_rows
+
+            margins = tuple(margin_rows(experiment.cases))
+        outcome = Outcome(experiment, results, tuple(verdicts), margins)
         text = json.dumps(outcome.to_dict(), indent=2, allow_nan=False) + "\n"
         (folders[i] / SUMMARY_NAME).write_text(text, encoding="utf-8")
         (folders[i] / "experiment.yaml").write_bytes(experiment.path.read_bytes())

@@ -6,6 +6,7 @@ import numpy as np
 
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import Scenario
+from spsp_ctrl.experiments import soak
 from spsp_ctrl.experiments.signals import (
     ARCMIN_PER_RAD,
     UM_PER_M,
@@ -94,7 +95,7 @@ def figures(topics: Topics, config: RigConfig, scenario: Scenario) -> Figures:
             steady_slopes.append(float(grown[at >= at[-1] - STEADY * (at[-1] - at[0])].mean()) / warm)
         result["identified_ppm_k"] = float(np.mean(slopes)) / length * 1e6
         result["identified_steady_ppm_k"] = float(np.mean(steady_slopes)) / length * 1e6
-    return result
+    return result | soak.figures(topics, config, scenario)
 
 
 def curves(topics: Topics, config: RigConfig, scenario: Scenario) -> Curves:

@@ -7,10 +7,11 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments.runner import Outcome
 from spsp_ctrl.experiments.summary import look_up
 from spsp_ctrl.experiments.verdict import CaseResult, Found, Verdict
-from spsp_ctrl.report import experiment_figures
+from spsp_ctrl.report import experiment_figures, study_tables
 from spsp_ctrl.report.page import details, page, section, table
 from spsp_ctrl.report.text import DASH, number
 
@@ -104,6 +105,23 @@ def _special(results: Sequence[CaseResult]) -> str:
     return out
 
 
+def _pictures(scenario: Scenario, results: Sequence[CaseResult]) -> list[str]:
+    text = experiment_figures.render(scenario, results)
+    return [section("Pictures", "Of several repeats the one with the largest error is drawn.", text)] if text else []
+
+
+def _studies(outcome: Outcome) -> list[str]:
+    """Sections that a scenario asks for among its figures and that are tables first."""
+    asked, sections = outcome.experiment.scenario.figures, []
+    if "ladder" in asked:
+        lead = "Each rung on every motion."
+        sections.append(section("Ladder", lead, study_tables.ladder(outcome.results, outcome.margins)))
+    if "draws" in asked:
+        lead = f"First seed {outcome.experiment.seed}, from {outcome.experiment.seed_from}."
+        sections.append(section("What was drawn", lead, study_tables.draws(outcome.results)))
+    return sections
+
+
 def write_report(out: Path, outcome: Outcome) -> None:
     """One self-contained HTML file for one experiment."""
     scenario = outcome.experiment.scenario
@@ -115,8 +133,9 @@ def write_report(out: Path, outcome: Outcome) -> None:
     laws = laws_of([outcome])
     sections = [
         section(title, scenario.title or scenario.name, acceptance_table(outcome.verdicts, laws) + faults, f"verdict {cls}"),
+        *_studies(outcome),
         section("What was done", "", story or '<p class="note">The scenario says nothing about it.</p>'),
-        section("Pictures", "Of several repeats the one with the largest error is drawn.", experiment_figures.render(scenario, outcome.results)),
+        *_pictures(scenario, outcome.results),
         section("Runs", "Each has its own folder with the log, the resolved files and its summary.", _runs(outcome.results)),
     ]
     special = _special(outcome.results)
