@@ -60,7 +60,9 @@ def figures(topics: Topics, config: RigConfig, scenario: Scenario) -> Figures:
         return {}
     x, y = np.array(rise), np.array(grown)
     slope = float(x @ y / (x @ x))
-    spread = float(np.sqrt(np.sum((y - slope * x) ** 2) / (len(x) - 1) / (x @ x)))
+    by_rod = [float(x[k::2] @ y[k::2] / (x[k::2] @ x[k::2])) for k in (0, 1)]
+    # scatter of the poses, and what both rods differ by: the slow wander of the IMU between cold and warm is one for all poses of a rod
+    spread = float(np.hypot(np.sqrt(np.sum((y - slope * x) ** 2) / (len(x) - 1) / (x @ x)), 0.5 * (by_rod[0] - by_rod[1])))
     length_m = config.compensation.thermal.screw_length_mm * 1e-3
     return {
         "soak_readings": len(x),
