@@ -78,6 +78,7 @@ WORKING: dict[str, tuple[str, str]] = {
 }
 
 REACTIONS: dict[str, str] = {
+    "WARNING": "Say it in the log and to the operator; the run goes on.",
     "SLOW_STOP": "Brake to standstill under control, then disable.",
     "FREE": "Disable at once: what would be needed to brake can no longer be trusted.",
 }

@@ -229,8 +229,8 @@ def test_a_variant_that_does_not_exist_and_a_source_that_does_not_are_refused(tm
     done = CliRunner().invoke(cli, ["experiment", "monte-carlo", "-c", str(RIG_FILE), "--variant", "within 30 percnt", "--out", str(tmp_path / "o")])
     assert done.exit_code == 2
     assert "did you mean 'within 30 percent'?" in done.output
+    taker = {"name": "a", "identified": {"imu.delay_ms": {"variant": "b", "value": "settle_s"}}}
     with pytest.raises(ValueError, match="no variant with given values"):
-        taker = {"name": "a", "identified": {"imu.delay_ms": {"variant": "b", "value": "settle_s"}}}
         Scenario.model_validate({"schema": "spsp-ctrl/scenario/1", "name": "x", "variants": [taker]})
 
 

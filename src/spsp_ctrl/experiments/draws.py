@@ -22,6 +22,7 @@ ATTEMPTS = 300
 """Draws of a motion before it is said that none fits the rig."""
 SEA_PEAK = 3.3
 SEA_OCTAVES = 1.5
+LIKELY = 2.0
 USED = 0.9
 """A drawn motion uses at most this much of each limit of the rig."""
 
@@ -191,7 +192,8 @@ def draw_plant(plan: DrawnPlant, model: PlantModel, rng: np.random.Generator) ->
 def standing_out(about: dict[str, Any], many: list[dict[str, Any]], errors: list[float], count: int = 5) -> list[tuple[str, float, float]]:
     """Parameters of one draw that stand out: name, factor, and what a straight line through all draws says they add to the error.
 
-    With fewer than ten draws no line is trusted: the largest deviations come first, and the third number is 0.
+    Only parameters count whose correlation with the error is beyond :data:`LIKELY` standard deviations of chance; among a hundred a few are so by
+    chance, too: a hint where to look. With fewer than ten draws no line is trusted: the largest deviations come first, and the third number is 0.
     """
     names = list(about.get("factors", {}))
     if not names:
@@ -205,5 +207,7 @@ def standing_out(about: dict[str, Any], many: list[dict[str, Any]], errors: list
     centred, spread = x - x.mean(axis=0), x.var(axis=0)
     slope = (centred * (y - y.mean())[:, None]).mean(axis=0) / np.where(spread > 0.0, spread, np.inf)
     adds = slope * (mine - x.mean(axis=0))
-    return [(names[i], float(mine[i]), float(adds[i])) for i in np.argsort(-adds)[:count].tolist()]
+    likely = np.abs(slope) * np.sqrt(spread) > LIKELY / np.sqrt(len(many)) * y.std()
+    adds = np.where(likely, adds, 0.0)
+    return [(names[i], float(mine[i]), float(adds[i])) for i in np.argsort(-adds)[:count].tolist() if adds[i] > 0.0]
 

@@ -16,6 +16,9 @@ from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments.signals import DEG_PER_RAD, Array, Curves, Figures, Topics, imu_frames, judged, thin, wrap
 from spsp_ctrl.mechanism.frames import Matrix, attitude, joint_angles, multiply
+from spsp_ctrl.messages import Measurement
+from spsp_ctrl.recording.reader import messages
+from spsp_ctrl.safety import steps
 
 SETTLED_DEG = 0.1
 SLEW_S = 4.0
@@ -23,6 +26,8 @@ SLEW_S = 4.0
 LOST_DEG = 0.2
 """A difference between joint and count beyond this is a lost step: a stepper slips by whole teeth, four full steps."""
 MEDIAN_FRAMES = 41
+SLIP_STEPS = 3.0
+"""A slip is by four full steps; the rotor lags by less than two."""
 
 
 def _targets(scenario: Scenario) -> list[tuple[float, float, float]]:
@@ -87,6 +92,18 @@ def home_passes(topics: Topics, config: RigConfig) -> Array:
     return np.array(passes)
 
 
+def step_alarms(topics: Topics, config: RigConfig) -> list[tuple[float, int]]:
+    """Time in s and means of each alarm for lost steps: the loop's own judge over the recorded measurements."""
+    limits, state = steps.step_limits(config), steps.START
+    found = []
+    for m in messages(topics["/measurement"], Measurement):
+        before = state.alarms
+        state = steps.step(state, limits, m)
+        if state.alarms > before:
+            found.append((m.stamp_ns * 1e-9, state.means))
+    return found
+
+
 def _heading_error(topics: Topics, scenario: Scenario) -> tuple[Array, Array]:
     control = topics["/control"]
     frames = imu_frames(topics).among(judged(control, scenario.settle_s, scenario.duration_s))
@@ -133,8 +150,18 @@ def figures(topics: Topics, config: RigConfig, scenario: Scenario) -> Figures:
     if len(passes):
         result["home_deg_max"] = float(np.abs(passes).max())
         result["home_detected"] = int(result["home_deg_max"] > LOST_DEG)
+    alarms = step_alarms(topics, config)
+    result["alarms"] = len(alarms)
+    for means in (steps.Means.HEADING, steps.Means.HOME):
+        result[f"alarms_{means.name.lower()}"] = sum(how == means for _, how in alarms)
     if "/truth" in topics:
         truth = topics["/truth"]
+        slipped = np.flatnonzero(np.abs(truth["lost_steps"]) >= SLIP_STEPS)
+        if len(slipped):
+            since = float(truth["stamp_ns"][slipped[0]]) * 1e-9
+            for means in (steps.Means.HEADING, steps.Means.HOME):
+                after = [at for at, how in alarms if how == means and at >= since]
+                result[f"late_{means.name.lower()}_s"] = after[0] - since if after else None
         result["true_travel_deg_max"] = float(np.abs(truth["azimuth_rad"][: len(keep)][keep]).max() * DEG_PER_RAD)
         result["true_lost_steps"] = float(np.abs(truth["lost_steps"]).max())
     return result

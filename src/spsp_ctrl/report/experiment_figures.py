@@ -168,6 +168,8 @@ FIGURES: dict[str, Callable[[Scenario, Results], list[Chart]]] = {
 
 def render(scenario: Scenario, results: Results) -> str:
     """Every figure that the scenario names, in its order."""
+    if not any(name in FIGURES for name in scenario.figures):
+        return ""
     good = [r for r in results if r.curves]
     if not good:
         return '<p class="note">No run completed: nothing to draw.</p>'

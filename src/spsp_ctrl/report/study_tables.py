@@ -64,7 +64,7 @@ def margin_table(margins: Sequence[MarginRow]) -> str:
         mine = {f"{m.at}, {m.axis}": m.margins for m in margins if m.variant == variant}
         shared.setdefault(tuple(_margin(mine.get(loop)) for loop in loops), []).append(variant)
     rows = [[escape(", ".join(names)), *key] for key, names in shared.items()]
-    head = ["Rungs", *(f"loop at {loop}" for loop in loops)]
+    head = ["Rungs", *loops]
     note = "Gain margin dB / phase margin deg / disk margin, broken at the motor current, at the IMU and at the resolver; nominal plant, 7 kg."
     return "<h3>Margins</h3>" + table(head, rows, numeric=tuple(range(1, 1 + len(loops)))) + f'<p class="note">{note}</p>'
 

@@ -27,9 +27,10 @@ from spsp_ctrl.messages import (
     ReferenceKind,
 )
 from spsp_ctrl.safety import judge as judging
-from spsp_ctrl.safety import supervisor
+from spsp_ctrl.safety import steps, supervisor
 from spsp_ctrl.safety.faults import BY_ID
 from spsp_ctrl.safety.judge import JudgeLimits, judge_limits
+from spsp_ctrl.safety.steps import StepLimits, StepState
 from spsp_ctrl.safety.supervisor import SupervisorParams, SupervisorState, supervisor_params
 
 _GATES = {Mode.ALIGNING: Gate.ALIGN, Mode.ACTIVE: Gate.ACTIVE, Mode.STOPPING: Gate.STOP}
@@ -58,6 +59,7 @@ class Controller(NamedTuple):
     watch: WatchParams
     judge: JudgeLimits
     supervisor: SupervisorParams
+    steps: StepLimits
 
 
 class CycleState(NamedTuple):
@@ -72,11 +74,12 @@ class CycleState(NamedTuple):
     law_reason: int
     reference: ReferenceSource
     seq: int
+    steps: StepState
 
 
 def controller(config: RigConfig) -> Controller:
     """Constants from the rig file."""
-    return Controller(law_ladder(config), watch_params(config), judge_limits(config), supervisor_params(config))
+    return Controller(law_ladder(config), watch_params(config), judge_limits(config), supervisor_params(config), steps.step_limits(config))
 
 
 def start(config: RigConfig, plan: ReferencePlan) -> CycleState:
@@ -87,7 +90,7 @@ def start(config: RigConfig, plan: ReferencePlan) -> CycleState:
         heading_rate_limit_rad_s=0.8 * params.azimuth_rate_rad_s,
         heading_accel_limit_rad_s2=0.5 * params.azimuth_accel_rad_s2,
     )
-    return CycleState(None, _NO_ESTIMATE, law.START, supervisor.START, watch.START, 0, 0, source, 0)
+    return CycleState(None, _NO_ESTIMATE, law.START, supervisor.START, watch.START, 0, 0, source, 0, steps.START)
 
 
 def step(
@@ -162,4 +165,5 @@ def step(
     control: Control = _new(
         Control, (now_ns, m.cycle, sup.mode, number, law_step, law_reason, estimate, reference, pitch, roll, azimuth, command)
     )
-    return control, _new(CycleState, (est, estimate, law_state, sup, watching, law_step, law_reason, source, seq + 1))
+    counted = steps.step(state.steps, c.steps, m)
+    return control, _new(CycleState, (est, estimate, law_state, sup, watching, law_step, law_reason, source, seq + 1, counted))

@@ -6,6 +6,7 @@ import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import degrees
 from typing import Protocol
 
 from spsp_ctrl.control.watch import Reason
@@ -14,6 +15,8 @@ from spsp_ctrl.rig.base import Rig
 from spsp_ctrl.runtime.clock import Clock
 from spsp_ctrl.runtime.cycle import Controller, CycleState, step
 from spsp_ctrl.safety.faults import BY_ID, BY_NUMBER
+from spsp_ctrl.safety.steps import LOST as STEPS_LOST
+from spsp_ctrl.safety.steps import Means
 
 OPERATOR_HZ = 50
 STATUS_HZ = 5
@@ -109,6 +112,7 @@ def run_loop(
     interrupts = interrupts or Interrupts()
     mode = -1
     law_step = 0
+    step_alarms = 0
     last_ns = -period_ns
     ending = ""
     now = time.perf_counter_ns
@@ -155,6 +159,11 @@ def run_loop(
                 law_step = control.law_step
                 why = Reason(control.law_reason).name.lower()
                 event("warning", "law-fallback", f"a plainer law has taken over ({why}); see control.watch in the rig file", now_ns)
+            if state.steps.alarms != step_alarms:
+                step_alarms = state.steps.alarms
+                how = "heading against count" if state.steps.means == Means.HEADING else "zero switch"
+                text = f"{STEPS_LOST.text} (seen by {how}, {degrees(abs(state.steps.size_rad)):.2f} deg). Check: {STEPS_LOST.check}"
+                event("warning", STEPS_LOST.id, text, now_ns)
             if control.mode != mode:
                 _report_mode(event, mode, control)
                 mode = control.mode

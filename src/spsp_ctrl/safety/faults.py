@@ -9,6 +9,8 @@ from typing import NamedTuple
 class Reaction(IntEnum):
     """What a fault does, weakest first."""
 
+    WARNING = 0
+    """Said in the log and to the operator; the run goes on."""
     SLOW_STOP = 1
     """Brake to standstill under control, then disable."""
     FREE = 2
@@ -93,6 +95,13 @@ FAULTS: tuple[Fault, ...] = (
         "the event log has the traceback; please report it",
     ),
     Fault(11, "stop-timeout", Reaction.FREE, "the rig did not come to rest in time", "supervisor.stop_timeout_s, friction, load"),
+    Fault(
+        12,
+        "steps-lost",
+        Reaction.WARNING,
+        "the azimuth stepper has lost steps: its count is no longer the joint angle",
+        "load and friction of azimuth, stepper current and supply, acceleration limit; home azimuth again before trusting its travel",
+    ),
 )
 BY_ID: dict[str, Fault] = {fault.id: fault for fault in FAULTS}
 BY_NUMBER: dict[int, Fault] = {fault.number: fault for fault in FAULTS}
