@@ -66,9 +66,9 @@ def test_one_slip_of_a_tooth_is_one_alarm_by_the_heading(slip_deg: float, at_s: 
 
 
 def test_a_loss_that_crept_is_seen_where_the_vane_is_passed() -> None:
-    crept = play(lambda t: -6.0 + 3.0 * t, lost=lambda t: min(0.3, 0.1 * t))
+    crept = play(lambda t: -6.0 + 3.0 * t, lost=lambda t: min(0.4, 0.2 * t))
     assert (crept.alarms, crept.means) == (1, int(Means.HOME))
-    assert degrees(crept.size_rad) == pytest.approx(0.2, abs=0.12)
+    assert degrees(crept.size_rad) == pytest.approx(0.4, abs=0.12)
     assert play(lambda t: -6.0 + 3.0 * t).alarms == 0
 
 

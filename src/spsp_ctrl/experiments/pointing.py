@@ -160,8 +160,8 @@ def figures(topics: Topics, config: RigConfig, scenario: Scenario) -> Figures:
         if len(slipped):
             since = float(truth["stamp_ns"][slipped[0]]) * 1e-9
             for means in (steps.Means.HEADING, steps.Means.HOME):
-                after = [at for at, how in alarms if how == means and at >= since]
-                result[f"late_{means.name.lower()}_s"] = after[0] - since if after else None
+                seen = [stamp for stamp, how in alarms if how == means and stamp >= since]
+                result[f"late_{means.name.lower()}_s"] = seen[0] - since if seen else None
         result["true_travel_deg_max"] = float(np.abs(truth["azimuth_rad"][: len(keep)][keep]).max() * DEG_PER_RAD)
         result["true_lost_steps"] = float(np.abs(truth["lost_steps"]).max())
     return result

@@ -94,6 +94,8 @@ def figures(topics: Topics, config: RigConfig, scenario: Scenario) -> Figures:
             slopes.append(float(kelvin @ grown / (kelvin @ kelvin)))
             steady_slopes.append(float(grown[at >= at[-1] - STEADY * (at[-1] - at[0])].mean()) / warm)
         result["identified_ppm_k"] = float(np.mean(slopes)) / length * 1e6
+        result["identified_steady_um_k"] = float(np.mean(steady_slopes)) * 1e6
+        result["identified_steady_std_um_k"] = 0.5 * abs(steady_slopes[0] - steady_slopes[1]) * 1e6
         result["identified_steady_ppm_k"] = float(np.mean(steady_slopes)) / length * 1e6
     return result | soak.figures(topics, config, scenario)
 
