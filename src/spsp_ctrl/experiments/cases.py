@@ -83,7 +83,7 @@ def expand(
     plan = scenario.model
     first, _ = first_seed(plan, rig.model, seed)
     variants: list[tuple[str, Location, Variant]] = [(v.name, ("variants", i), v) for i, v in enumerate(plan.variants)]
-    variants = _chosen(scenario, variants, only) or [("", (), Variant(name="-"))]
+    variants = _chosen(scenario, variants, only) or [("", (), Variant(name="plain"))]
     motions: list[tuple[str, Location]] = [(m.name, ("motions", i)) for i, m in enumerate(plan.motions)] or [("", ())]
     base_model = _vary(scenario, ("model",), model, plan.model)
     cases = []
