@@ -60,7 +60,7 @@ class Case:
 def first_seed(plan: Scenario, rig: RigConfig, seed: int | None = None) -> tuple[int, str]:
     """Seed of the first repeat and, in words, where it comes from."""
     if seed is not None:
-        return seed, "given"
+        return seed, "the command line"
     if plan.repeats.first_seed == "commit":
         return commit_seed()
     if plan.repeats.first_seed is not None:
