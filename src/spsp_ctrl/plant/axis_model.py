@@ -22,7 +22,7 @@ from spsp_ctrl.config.units import UNITS, spellings
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.axis import IN, N_OUT, axis_rollout, axis_windows, rest_state
 from spsp_ctrl.plant.axis_controller import MAX_SPAN
-from spsp_ctrl.plant.effects import BY_NAME, EFFECTS, Parameter
+from spsp_ctrl.plant.effects import BY_NAME, EFFECTS, Hypothesis, Parameter
 from spsp_ctrl.plant.layout import AXIS_BASE, AXIS_PARAMETERS, GLOBAL_BASE, LOAD_BASE, LOAD_EFFECTS, N_LOAD_MODEL, N_LOAD_STATE, A, G, L, X, Y
 from spsp_ctrl.plant.model import MODEL_SCHEMA, Location, Quantity, effect_keys, key, nearest
 
@@ -106,6 +106,8 @@ AXIS_KEYS = {key(q): q for q in LOAD_BASE + _RIG}
 AXIS_EFFECTS = tuple(effect for effect in EFFECTS if effect.kind != "platform" and (effect.per_axis or effect.kind == "axis"))
 """Effects that a single axis can have."""
 _OPTIONAL = {"ruler_step", "ruler_noise"}
+NOT_RIGID = ("backlash", "axial_compliance", "voltage_saturation")
+"""Effects without meaning on a rigid mass that is moved by a force."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +160,11 @@ class AxisModel:
     def index(name: str) -> int:
         """Place of a parameter (by its name in ``layout``) in the flat array. Raises ``KeyError``."""
         return _INDEX[name]
+
+    def hypotheses(self) -> dict[str, Hypothesis]:
+        """Names that a diagnosis of this axis may give: a rigid one has nothing elastic, no play and no winding."""
+        found = {h.name: h for effect in AXIS_EFFECTS for h in effect.hypotheses}
+        return {name: h for name, h in found.items() if not (self.file.bare and name in NOT_RIGID)}
 
     def without(self, *names: str) -> AxisModel:
         """The same axis without the named effects."""
@@ -242,6 +249,8 @@ def check(file: AxisFile) -> Iterator[tuple[Location, str]]:
         if entry.effect not in known:
             what = "acts on a platform, not on a single axis" if entry.effect in BY_NAME else "is unknown" + nearest(entry.effect, known)
             yield ("effects", i, "effect"), f"effect {entry.effect!r} {what}"
+        elif file.bare and entry.effect in NOT_RIGID:
+            yield ("effects", i, "effect"), f"effect {entry.effect!r} has no meaning on a rigid mass that is moved by a force"
     seen: dict[str, Location] = {}
     for place, keys, name, quantity in _entries(file):
         if name not in keys:
