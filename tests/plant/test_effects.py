@@ -238,3 +238,10 @@ def test_effects_of_one_kind_are_refused_in_the_other() -> None:
     assert BY_NAME["imu_scale"].kind == "platform"
     assert {e.name for e in AXIS_EFFECTS} >= {e.name for e in EFFECTS if e.kind == "axis"}
     assert A.gap_m < L.moving_mass_kg
+
+
+def test_every_name_has_its_paragraph() -> None:
+    page = (CONFIG.parent / "docs" / "effects.md").read_text(encoding="utf-8")
+    headings = [line.removeprefix("### ") for line in page.splitlines() if line.startswith("### ")]
+    assert sorted(headings) == sorted(HYPOTHESES)
+    assert all(f"`{e.name}`" in page for e in EFFECTS if not e.hypotheses)
