@@ -148,6 +148,21 @@ def test_any_company_of_effects_stays_bounded(model: AxisModel, data: st.DataObj
     assert np.abs(y[:, OUT.motor_rad_s]).max() < 3e4
 
 
+ON_PLATFORM = [h for e in EFFECTS if e.kind != "axis" for h in e.hypotheses if h.name != "imu_delay"]
+"""The transport delay of a frame acts in the rig, not in the kernel."""
+BELOW: dict[str, float] = {"voltage_limit_v": 1.0, "current_ceiling_a": 0.1, "speed_ceiling_rad_s": 5.0}
+
+
+@pytest.mark.parametrize("h", ON_PLATFORM, ids=lambda h: h.name)
+def test_effect_acts_on_the_platform_too(h: Hypothesis) -> None:
+    plain = twin_run.platform_run(100, dict(h.along), 2.0)
+    sizes = {free.name: BELOW.get(free.name, free.starts[-1]) for free in h.free}
+    changed = twin_run.platform_run(100, dict(h.along) | sizes, 2.0)
+    assert np.isfinite(changed).all()
+    if not h.random:
+        assert np.abs(changed - plain).max() > 1e-6
+
+
 def test_the_plain_twins_agree_with_the_compiled_kernels() -> None:
     plain = subprocess.run(
         [sys.executable, twin_run.__file__],
