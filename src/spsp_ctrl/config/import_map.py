@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator
-from math import isnan
 from typing import Annotated, Any, Literal, get_type_hints
 
 from pydantic import Field, field_validator, model_validator
@@ -98,8 +97,6 @@ class Column(Strict):
     """Factor, for instance mm per volt of a probe; never 0."""
     offset: float = 0.0
     """Reading at zero, in what the file holds."""
-    optional_samples: bool = False
-    """NaN is left as it is. Never for a channel that an input of the model is made of."""
 
     @field_validator("unit")
     @classmethod
@@ -155,7 +152,7 @@ class Repeat(Strict):
 
 
 class CascadeController(Strict):
-    """Position loop around a speed loop: u = limit(kv * (kp * (reference - position) + reference rate - rate))."""
+    """Position loop around a speed loop, as docs/log-format.md states it ("The known cascade")."""
 
     kind: Literal["cascade"]
     """This one."""
@@ -163,9 +160,11 @@ class CascadeController(Strict):
     """Gain of the position loop."""
     kv: float = Field(gt=0.0, le=1e9)
     """Gain of the speed loop, in units of the command per m/s."""
+    feedforward: Literal[0, 1] = 0
+    """1: the rate of the reference is added to the demanded speed."""
     limit: float = Field(gt=0.0, le=1e9)
     """The command is clipped to this, both ways, in its own unit."""
-    position: Literal["load", "motor"] = "load"
+    feedback: Literal["load", "resolver"] = "load"
     """What the loops are closed on."""
 
 
@@ -190,15 +189,17 @@ class ImportMap(Strict):
     time: Time
     """Sample time."""
     command_unit: Literal["A", "V", "N", "1"] = "A"
-    """Unit of ``/axis`` ``command_a``: A on a rig with current drives, V for a voltage input of a drive (the model then has N/V)."""
+    """Unit of ``/axis`` ``command_a``: A for a current drive, V for a drive that is commanded in volts, N for a force, 1 for anything else."""
     columns: Annotated[dict[str, dict[str, Column]], Field(min_length=1)]
     """Topic, field, column. ``/axis``, or ``/measurement`` and ``/control`` with dotted names as in docs/log-format.md."""
-    constants: dict[str, dict[str, Constant]] = {}
+    constants: dict[str, dict[str, Constant]] = Field(default={})
     """Topic, field, value of what was not recorded. ``/axis`` needs every field in one of the two."""
     motions: tuple[Motion, ...] = ()
     """Named stretches; ``diagnose`` fits on some and judges on others."""
     repeat: Repeat | None = None
     """Laps of one motion, instead of ``motions``."""
+    held: tuple[str, ...] = ()
+    """Samples of ``/measurement`` (``imu``, ``temperature``, ...) that are slower than the recording: a new one where a value changes."""
     controller: CascadeController | OtherController = Field(default=OtherController(kind="none"), discriminator="kind")
     """The controller that ran during the recording."""
     accept: tuple[str, ...] = ()
@@ -222,8 +223,17 @@ class ImportMap(Strict):
         return self.command_unit if (topic, name) == ("/axis", "command_a") else si_unit(name)
 
 
-def problems(given: ImportMap) -> Iterator[tuple[tuple[str, ...], str]]:
+def problems(given: ImportMap) -> list[tuple[tuple[str | int, ...], str]]:
     """What no single key can know: (place, text) of fields that do not exist, units that do not fit, fields left open."""
+    found = list(_misfits(given))
+    have = {*given.columns.get("/axis", {}), *given.constants.get("/axis", {}), *OWN}
+    missing = [name for name, _ in leaves(AxisSample) if name not in have]
+    if "/axis" in given.columns and missing and not found:
+        found.append((("columns", "/axis"), f"not said where these come from: {', '.join(missing)}; give a column or a constant for each"))
+    return found
+
+
+def _misfits(given: ImportMap) -> Iterator[tuple[tuple[str | int, ...], str]]:
     for part in ("columns", "constants"):
         for topic, fields in getattr(given, part).items():
             if topic not in TARGETS or (part == "constants" and topic not in given.columns):
@@ -236,11 +246,10 @@ def problems(given: ImportMap) -> Iterator[tuple[tuple[str, ...], str]]:
                     yield (part, topic, name), text
                 elif part == "constants" and name in given.columns[topic]:
                     yield (part, topic, name), f"{name} is given as a column and as a constant; delete one"
-    if "/axis" in given.columns:
-        have = {*given.columns["/axis"], *given.constants.get("/axis", {}), *OWN}
-        missing = [name for name, _ in leaves(AxisSample) if name not in have]
-        if missing:
-            yield ("columns", "/axis"), f"not said where these come from: {', '.join(missing)}; give a column or a constant for each"
+    samples = {name.split(".")[0] for name in given.columns.get("/measurement", {}) if "." in name}
+    for i, name in enumerate(given.held):
+        if name not in samples:
+            yield ("held", i), f"held: {name!r} is no sample with columns; those are: {', '.join(sorted(samples)) or 'none'}"
 
 
 def _field_problem(given: ImportMap, topic: str, name: str, kind: Any, entry: Column | Constant) -> str:
@@ -255,6 +264,4 @@ def _field_problem(given: ImportMap, topic: str, name: str, kind: Any, entry: Co
         return f"unit {entry.unit!r} does not fit {name}; use one of: {', '.join(spellings(wanted))}{hint}"
     if isinstance(entry, Constant) and kind is bool and entry.value not in (0.0, 1.0):
         return f"{name} is a flag: 0 or 1"
-    if isinstance(entry, Constant) and isnan(entry.value):
-        return f"{name}: a number is needed"
     return ""

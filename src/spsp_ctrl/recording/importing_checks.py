@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,7 +126,7 @@ def describe(name: str, source: str, unit: str, values: Array, rate_hz: float) -
     return Channel(name, source, unit, float(good.min()), float(good.max()), rms, step, float(np.diff(edges).max()) / rate_hz, missing)
 
 
-def judge_values(name: str, kind: type, values: Array, optional: bool) -> Iterator[Check]:
+def judge_values(name: str, kind: type, values: Array) -> Iterator[Check]:
     """Checks of one column by itself."""
     endless = int(np.count_nonzero(np.isinf(values)))
     missing = int(np.count_nonzero(np.isnan(values)))
@@ -135,8 +134,7 @@ def judge_values(name: str, kind: type, values: Array, optional: bool) -> Iterat
         yield Check("finite", name, endless, "0 samples", REFUSED, "infinite values")
     if missing:
         first = int(np.flatnonzero(np.isnan(values))[0]) + 1
-        text = f"the first at sample {first} of the log" + ("" if optional else ": cut them out with from_s, to_s, or give a constant")
-        yield Check("nan", name, missing, "0 samples", NOTE if optional and kind is float else REFUSED, text)
+        yield Check("nan", name, missing, "0 samples", REFUSED, f"the first at sample {first}: cut them out with from_s, to_s")
     if kind is float or missing or endless:
         return
     off = float(np.max(np.abs(values - np.rint(values)), initial=0.0))
@@ -227,11 +225,3 @@ def judge_platform(values: Mapping[str, Array], rate_hz: float) -> Iterator[Chec
             slope = _rate(values[angle], rate_hz, lag)
             name = f"imu-{angle[4:].split('_')[0]}"
             yield from _follow(name, f"{gyro} on d {angle}/dt", slope, values[gyro][lag:-lag], 0.5, 2.0, "sign of either")
-
-
-def as_rows(items: list[Any]) -> list[dict[str, Any]]:
-    """Plain data for ``--json``; NaN becomes null."""
-    return [
-        {key: None if isinstance(value, float) and not np.isfinite(value) else value for key in item.__slots__ if (value := getattr(item, key)) is not ...}
-        for item in items
-    ]
