@@ -204,7 +204,7 @@ def test_nan_moves_nothing() -> None:
 
 @given(st.lists(st.integers(-(2**40), 2**40), min_size=1, max_size=20))
 def test_counter_does_not_wrap(steps: list[int]) -> None:
-    counter, true = D.Counter(), 0
+    counter, true = H.Counter(), 0
     counter.step(0)
     for step in steps:
         true += max(-(2**31) + 1, min(2**31 - 1, step))

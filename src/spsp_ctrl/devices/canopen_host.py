@@ -162,3 +162,19 @@ class SdoDialogue:
             self.values[index, subindex] = int.from_bytes(found.data, "little")
         self._left.pop()
         self._tries = 0
+
+
+class Counter:
+    """A position that wraps round after ``span`` counts, as a number that does not."""
+
+    def __init__(self, span: int = 1 << 32) -> None:
+        self._span = span
+        self._last: int | None = None
+        self.counts = 0
+
+    def step(self, counts: int) -> int:
+        """Position without wraps: the nearest one to the last."""
+        half = self._span // 2
+        self.counts = counts if self._last is None else self.counts + (counts - self._last + half) % self._span - half
+        self._last = counts
+        return self.counts

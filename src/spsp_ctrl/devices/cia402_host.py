@@ -100,23 +100,6 @@ class Walker:
         return T.QUICK_STOP if state is T.OPERATION_ENABLED else T.DISABLE_VOLTAGE
 
 
-class Counter:
-    """A 32-bit position that wraps round, as a number that does not."""
-
-    def __init__(self) -> None:
-        self._last: int | None = None
-        self.counts = 0
-
-    def step(self, counts: int) -> int:
-        """Position without wraps: the nearest one to the last."""
-        if self._last is None:
-            self.counts = counts
-        else:
-            self.counts += (counts - self._last + _I32) % (2 * _I32) - _I32
-        self._last = counts
-        return self.counts
-
-
 def start_up(node: int, mode: int, period_ms: int, master: int, heartbeat_ms: int) -> Iterator[Setting]:
     """Everything that a drive is told and asked before NMT start.
 
