@@ -23,7 +23,8 @@ INITIALIZING, SYSTEM_LEVEL, TIMING, MISSING_ESTIMATE, BAD_CONFIG, DRIVE_FAULT, M
 WATCHDOG, ESTOP_REQUESTED = 1 << 24, 1 << 25
 ERROR_TEXT = {
     INITIALIZING: "initialising", SYSTEM_LEVEL: "system level", TIMING: "timing", MISSING_ESTIMATE: "missing estimate",
-    BAD_CONFIG: "bad configuration", DRIVE_FAULT: "gate driver fault", MISSING_INPUT: "missing input", 1 << 8: "bus over-voltage", 1 << 9: "bus under-voltage",
+    BAD_CONFIG: "bad configuration", DRIVE_FAULT: "gate driver fault", MISSING_INPUT: "missing input",
+    1 << 8: "bus over-voltage", 1 << 9: "bus under-voltage",
     1 << 10: "bus over-current", 1 << 11: "regeneration over-current", 1 << 12: "current limit", 1 << 13: "motor over-temperature",
     1 << 14: "inverter over-temperature", 1 << 15: "velocity limit", 1 << 16: "position limit", WATCHDOG: "watchdog expired",
     ESTOP_REQUESTED: "emergency stop requested", 1 << 26: "spin-out", 1 << 27: "brake resistor disarmed", 1 << 28: "thermistor disconnected",
