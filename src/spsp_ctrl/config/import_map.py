@@ -160,12 +160,14 @@ class CascadeController(Strict):
     """Gain of the position loop."""
     kv: float = Field(gt=0.0, le=1e9)
     """Gain of the speed loop, in units of the command per m/s."""
-    feedforward: Literal[0, 1] = 0
-    """1: the rate of the reference is added to the demanded speed."""
+    feedforward: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of the reference rate that is added to the demanded speed."""
     limit: float = Field(gt=0.0, le=1e9)
     """The command is clipped to this, both ways, in its own unit."""
     feedback: Literal["load", "resolver"] = "load"
     """What the loops are closed on."""
+    rate_span: int = Field(default=1, ge=1, le=4)
+    """Cycles over which the speed is taken."""
 
 
 class OtherController(Strict):
