@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from spsp_ctrl.devices import canopen_table as T
 
@@ -49,6 +50,16 @@ class Object:
 Key = tuple[int, int]
 
 
+class _Pdo(NamedTuple):
+    """A PDO that is on. It acts at every ``kind``-th SYNC; a received one at the next."""
+
+    number: int
+    identifier: int
+    kind: int
+    size: int
+    objects: list[Object]
+
+
 class Node:
     """A CANopen node without a bus: ``receive`` a frame, ``tick`` with the time; both return the frames to send."""
 
@@ -62,6 +73,7 @@ class Node:
         self._latched: dict[int, bytes] = {}
         self._heartbeat_ns: int | None = None
         self._watched_ns: int | None = None
+        self._layout: tuple[list[_Pdo], list[_Pdo]] | None = None
         self.on_sync: Callable[[], None] = lambda: None
         """After the commands of this SYNC were taken, before its status is sent: the plant is latched here."""
         self.on_loss: Callable[[], list[Frame]] = list
@@ -122,26 +134,27 @@ class Node:
             return self.boot()
         return []
 
-    def _pdo(self, settings: int, mapping: int) -> tuple[int, int, list[Object]] | None:
-        """Identifier, transmission type and objects of a PDO; None when it is off."""
-        identifier = self.objects.get((settings, 1))
+    def _pdos(self) -> tuple[list[_Pdo], list[_Pdo]]:
+        """The PDOs that are on, received and sent, as the dictionary lays them out now."""
+        if self._layout is None:
+            received = [self._pdo(number, T.RPDO_SETTINGS, T.RPDO_MAPPING) for number in range(4)]
+            sent = [self._pdo(number, T.TPDO_SETTINGS, T.TPDO_MAPPING) for number in range(4)]
+            self._layout = [pdo for pdo in received if pdo], [pdo for pdo in sent if pdo]
+        return self._layout
+
+    def _pdo(self, number: int, settings: int, mapping: int) -> _Pdo | None:
+        identifier = self.objects.get((settings + number, 1))
         if identifier is None or identifier.value & T.PDO_OFF:
             return None
-        count = self.objects[mapping, 0].value
-        entries = [self.objects[mapping, place].value for place in range(1, count + 1)]
-        return identifier.value & 0x7FF, self.objects[settings, 2].value, [self.objects[entry >> 16, entry >> 8 & 0xFF] for entry in entries]
+        entries = [self.objects[mapping + number, place].value for place in range(1, self.objects[mapping + number, 0].value + 1)]
+        objects = [self.objects[entry >> 16, entry >> 8 & 0xFF] for entry in entries]
+        kind = self.objects[settings + number, 2].value
+        return _Pdo(number, identifier.value & 0x7FF, kind, sum(o.bits for o in objects) // 8, objects)
 
     def _rpdo(self, identifier: int, data: bytes) -> None:
-        for number in range(4):
-            pdo = self._pdo(T.RPDO_SETTINGS + number, T.RPDO_MAPPING + number)
-            if pdo is None or pdo[0] != identifier:
-                continue
-            if len(data) < sum(o.bits for o in pdo[2]) // 8:
-                return  # too short: not processed (CiA 301)
-            if pdo[1] <= 240:
-                self._latched[number] = data
-            else:
-                self._take(pdo[2], data)
+        for pdo in self._pdos()[0]:
+            if pdo.identifier == identifier and len(data) >= pdo.size:  # too short: not processed (CiA 301)
+                self._latched[pdo.number] = data
 
     @staticmethod
     def _take(objects: list[Object], data: bytes) -> None:
@@ -155,19 +168,17 @@ class Node:
         """Commands that arrived before this SYNC act now; the status is that of this instant."""
         if self.state != T.OPERATIONAL:
             return []
-        for number, data in sorted(self._latched.items()):
-            pdo = self._pdo(T.RPDO_SETTINGS + number, T.RPDO_MAPPING + number)
-            if pdo is not None and len(data) >= sum(o.bits for o in pdo[2]) // 8:
-                self._take(pdo[2], data)
+        received, sent = self._pdos()
+        for pdo in received:
+            data = self._latched.pop(pdo.number, b"")
+            if data and len(data) >= pdo.size:
+                self._take(pdo.objects, data)
         self._latched.clear()
         self.on_sync()
         self._syncs += 1
-        out = []
-        for number in range(4):
-            pdo = self._pdo(T.TPDO_SETTINGS + number, T.TPDO_MAPPING + number)
-            if pdo is not None and 1 <= pdo[1] <= 240 and self._syncs % pdo[1] == 0:
-                out.append((pdo[0], b"".join(o.encode() for o in pdo[2])))
-        return out
+        return [
+            (pdo.identifier, b"".join([o.encode() for o in pdo.objects])) for pdo in sent if pdo.kind and self._syncs % pdo.kind == 0
+        ]
 
     def _sdo(self, data: bytes) -> bytes:
         command = data[0]
@@ -193,6 +204,8 @@ class Node:
             return _abort(data, T.READ_ONLY)
         size = 4 - (command >> 2 & 3) if command & 1 else target.bits // 8
         abort = target.set(data[4 : 4 + size])
+        if T.RPDO_SETTINGS <= key[0] < T.TPDO_MAPPING + 4:
+            self._layout = None
         return _abort(data, abort) if abort else bytes((T.SDO_WRITTEN,)) + data[1:4] + bytes(4)
 
     def _segment(self, command: int) -> bytes:

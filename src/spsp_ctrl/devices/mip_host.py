@@ -20,7 +20,10 @@ class Packet(NamedTuple):
 
     def field(self, descriptor: int) -> bytes | None:
         """Data of the first field of that kind."""
-        return next((data for number, data in self.fields if number == descriptor), None)
+        for number, data in self.fields:
+            if number == descriptor:
+                return data
+        return None
 
 
 class ImuReading(NamedTuple):
@@ -98,16 +101,14 @@ def _fields(held: bytes, at: int, end: int) -> tuple[tuple[int, bytes], ...] | N
     """Fields from ``at`` to ``end`` as far as they have arrived; None when their lengths do not fill the payload: then it is no packet."""
     if at == end:
         return None
-    found = []
-    while at < end:
-        if at >= len(held):
-            break
-        length = held[at]
-        if length < 2 or at + length > end:
+    found, here = [], len(held)
+    while at < end and at < here:
+        following = at + held[at]
+        if following < at + 2 or following > end:
             return None
-        if at + 1 < len(held):
-            found.append((held[at + 1], held[at + 2 : at + length]))
-        at += length
+        if at + 1 < here:
+            found.append((held[at + 1], held[at + 2 : following]))
+        at = following
     return tuple(found)
 
 
