@@ -352,6 +352,38 @@ def test_canopen_walks_our_drive_and_drives_it() -> None:
         pdo.stop()
 
 
+@pytest.mark.peers
+def test_our_master_sets_up_a_node_of_canopen() -> None:
+    """``canopen.LocalNode`` as the SDO server: everything that our start-up writes and reads arrives there."""
+    can = pytest.importorskip("can")
+    canopen = pytest.importorskip("canopen", reason="the independent CANopen node is not installed")
+    name = f"local-{time.monotonic_ns()}"
+    source = io.StringIO(eds("drive", drive().node.objects))
+    source.name = "drive.eds"
+    network, bus = canopen.Network(), can.Bus(interface="virtual", channel=name)
+    network.connect(interface="virtual", channel=name)
+    try:
+        node = canopen.LocalNode(NODE, canopen.import_od(source, NODE))
+        network.add_node(node)
+        dialogue, heard = H.SdoDialogue(NODE, D.start_up(NODE, T.CSV, 2, 127, 100)), list[H.Frame]()
+        end = time.monotonic() + 20
+        while not dialogue.done and not dialogue.problem and time.monotonic() < end:
+            for identifier, data in dialogue.step(time.monotonic_ns(), heard):
+                bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+            message = bus.recv(0.1)
+            heard = [(message.arbitration_id, bytes(message.data))] if message else []
+        assert dialogue.done, dialogue.problem
+        assert tuple(dialogue.values[T.IDENTITY, sub] for sub in (1, 2, 3, 4)) == IDENTITY
+        assert [node.sdo[0x1600][sub].raw for sub in range(4)] == [3, 0x60400010, 0x60FF0020, 0x60B20010]
+        assert node.sdo[0x1400][1].raw == 0x205
+        assert node.sdo[T.MODE].raw == T.CSV
+        assert node.sdo[T.CONSUMER_HEARTBEAT][1].raw == 127 << 16 | 300
+        assert node.sdo[T.INTERPOLATION_PERIOD][2].raw == -3
+    finally:
+        network.disconnect()
+        bus.shutdown()
+
+
 def test_eds_lists_every_object() -> None:
     text = eds("drive", drive().node.objects)
     for index, sub in drive().node.objects:

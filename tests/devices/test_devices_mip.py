@@ -253,19 +253,28 @@ def test_the_vendors_client_opens_our_imu_and_receives_data() -> None:
         node.setActiveChannelFields(kinds.CLASS_ESTFILTER, channels)
         active = node.getActiveChannelFields(kinds.CLASS_ESTFILTER)
         assert {c.channelField(): c.sampleRate().samples() for c in active} == dict.fromkeys(fields, 250)
+        sensors = mscl.MipChannels()
+        for field in (T.SENSOR << 8 | T.REFERENCE_TIME, kinds.CH_FIELD_SENSOR_SCALED_ACCEL_VEC, kinds.CH_FIELD_SENSOR_SCALED_GYRO_VEC):
+            sensors.append(mscl.MipChannel(field, mscl.SampleRate.Hertz(500)))
+        node.setActiveChannelFields(kinds.CLASS_AHRS_IMU, sensors)
+        node.enableDataStream(kinds.CLASS_AHRS_IMU)
         node.enableDataStream(kinds.CLASS_ESTFILTER)
         node.resume()
-        packets: list[object] = []
+        counts = {T.SENSOR: 0, T.FILTER: 0}
         end = time.monotonic() + 10
-        while len(packets) < 50 and time.monotonic() < end:
-            packets += list(node.getDataPackets(200))
-        assert len(packets) >= 50
-        for packet in packets:
-            points = {p.channelName(): p for p in packet.data()}  # type: ignore[attr-defined]
-            assert all(p.valid() for p in points.values())
-            t = points["timeInfo_referenceTime_estFilter"].as_uint64() * 1e-9
-            expected = {"estRoll": 0.1 * sin(t), "estPitch": 0.2 * cos(t), "estAngularRateX": 0.1 * cos(t), "estAngularRateY": -0.2 * sin(t)}
-            assert {name: points[name].as_float() for name in expected} == pytest.approx(expected, abs=1e-6)
+        while min(counts.values()) < 50 and time.monotonic() < end:
+            for packet in node.getDataPackets(200):
+                counts[packet.descriptorSet()] += 1
+                points = {p.channelName(): p for p in packet.data()}
+                assert all(p.valid() for p in points.values())
+                (stamp,) = (p for name, p in points.items() if "referenceTime" in name)
+                t = stamp.as_uint64() * 1e-9
+                if packet.descriptorSet() == T.FILTER:
+                    expected = {"estRoll": 0.1 * sin(t), "estPitch": 0.2 * cos(t), "estAngularRateX": 0.1 * cos(t), "estAngularRateY": -0.2 * sin(t)}
+                else:
+                    expected = {"scaledGyroX": 0.1 * cos(t), "scaledGyroY": -0.2 * sin(t), "scaledGyroZ": 0.01, "scaledAccelZ": -1.0}
+                assert {name: points[name].as_float() for name in expected} == pytest.approx(expected, abs=1e-6)
+        assert min(counts.values()) >= 50
     finally:
         device.kill()
         device.wait()

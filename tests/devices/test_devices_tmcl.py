@@ -246,6 +246,17 @@ def drive(client: Any, module: Module) -> None:
 
 
 @pytest.mark.peers
+@given(st.sampled_from([1, 2, 3, 5, 6, 13]), st.integers(0, 255), st.integers(0, 5), st.integers(-(2**31), 2**31 - 1))
+def test_the_vendors_classes_read_our_requests_and_we_their_answers(instruction: int, kind: int, motor: int, value: int) -> None:
+    tmcl = pytest.importorskip("pytrinamic.tmcl", reason="pytrinamic (the vendor's client) is not installed")
+    theirs = tmcl.TMCLRequest(1, instruction, kind, motor, value)
+    assert bytes(theirs.to_buffer()) == H.to_serial(Request(instruction, kind, motor, value))
+    answer = bytes(tmcl.TMCLReply(2, 1, 100, instruction, value).to_buffer())
+    assert SerialReplies().feed(answer) == [Reply(100, instruction, value)]
+    assert H.from_can(2, answer[1:]) == H.from_can(2, answer[1:8]) == Reply(100, instruction, value)
+
+
+@pytest.mark.peers
 def test_the_vendors_client_drives_our_module_over_a_serial_line() -> None:
     connections = pytest.importorskip("pytrinamic.connections", reason="pytrinamic (the vendor's client) is not installed")
     master, slave = pty.openpty()

@@ -18,8 +18,10 @@ from scipy.io import savemat
 
 from spsp_ctrl.cli import cli
 from spsp_ctrl.config.import_map import Time
+from spsp_ctrl.config.loader import load_import_map
 from spsp_ctrl.plant.axis_controller import replay
 from spsp_ctrl.plant.axis_model import AxisController
+from spsp_ctrl.recording.importing import import_log
 from spsp_ctrl.recording.importing_checks import judge_time
 from spsp_ctrl.recording.reader import digest_topics, read_log
 
@@ -106,6 +108,20 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
     assert run(source, "--map", BENCH, "-o", out, "--force").exit_code == 0
     assert run(source, "--map", BENCH, "-o", source, "--force").exit_code == 2
     assert run(source, "--map", BENCH, "-o", tmp_path / "no" / "a.mcap").exit_code == 2
+
+
+def test_an_interrupted_import_leaves_nothing(tmp_path: Path) -> None:
+    source = csv_file(tmp_path / "bench.csv", bench())
+    out = tmp_path / "a.mcap"
+    out.write_bytes(b"mine")
+
+    def interrupt(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        import_log(source, load_import_map(BENCH), out, force=True, progress=interrupt)
+    assert out.read_bytes() == b"mine"
+    assert {p.name for p in tmp_path.iterdir()} == {"bench.csv", "a.mcap"}
 
 
 def _swap(c: Columns) -> None:
@@ -355,6 +371,21 @@ def test_a_platform_has_samples_with_stamp_and_sequence(tmp_path: Path) -> None:
     done = run(source, "--map", plan)
     assert done.exit_code == 4
     assert "imu-pitch-sign" in done.stderr
+
+
+def test_measurement_and_control_in_one_recording(tmp_path: Path) -> None:
+    plan = tmp_path / "map.yaml"
+    control = "  /control:\n    command.pitch_current_a: {source: i, unit: mA, sign: -1}\n    mode: {source: mode, unit: '1'}\n"
+    plan.write_text(PLATFORM.replace("constants:", control + "constants:"), encoding="utf-8")
+    t = np.arange(400) // 4 * 4 / 200.0
+    source = csv_file(tmp_path / "p.csv", {"pitch": np.sin(t), "q": np.cos(t), "i": np.sin(np.arange(400.0)), "mode": np.full(400, 4.0)})
+    done = run(source, "--map", plan, "-o", tmp_path / "a.mcap")
+    assert done.exit_code == 0, done.output
+    topics = read_log(tmp_path / "a.mcap").topics
+    assert topics["/control"]["cycle"].tolist() == topics["/measurement"]["cycle"].tolist() == list(range(400))
+    np.testing.assert_allclose(topics["/control"]["command.pitch_current_a"], -1e-3 * np.sin(np.arange(400.0)), rtol=1e-12)
+    assert set(topics["/control"]["mode"]) == {4}
+    assert topics["/control"]["command.seq"].tolist() == list(range(400))
 
 
 @pytest.mark.skipif(not DATA.is_file(), reason="no EMPS data: put DATA_EMPS.mat into $SPSP_CTRL_DATA/emps")
