@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import difflib
+import gc
 import re
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -192,11 +195,17 @@ class Mf4Source:
         self._path = path
         self._first = ""
         self._times: Array | None = None
-        try:
-            self._mdf = MDF(path)
-            self._names = sorted(name for name in self._mdf.channels_db)
-        except Exception as error:
-            raise LogError(f"{path}: cannot be read as an MDF file: {_short(error)}") from None
+        problem = ""
+        with _silent_deletion():  # a half-made reader complains while it is taken down; our own line says what is wrong
+            try:
+                self._mdf = MDF(path)
+                self._names = sorted(name for name in self._mdf.channels_db)
+            except Exception as error:
+                problem = _short(error)
+            if problem:
+                gc.collect()
+        if problem:
+            raise LogError(f"{path}: cannot be read as an MDF file: {problem}")
 
     def names(self) -> list[str]:
         return [MASTER, *self._names]
@@ -227,6 +236,16 @@ class Mf4Source:
         return _column(self._path, name, signal.samples)
 
 
+@contextlib.contextmanager
+def _silent_deletion() -> Iterator[None]:
+    before = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+
+
 def _column(path: Path, name: str, value: Any) -> Array:
     try:
         column = np.asarray(value)
@@ -250,6 +269,3 @@ def near(name: str, names: list[str]) -> str:
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
     there = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     return f"; did you mean {close[0]!r}?" if close else f"; there are: {there}"
-
-
-Progress = Callable[[int, int], None]
