@@ -22,7 +22,7 @@ from spsp_ctrl.plant.effects import BY_NAME, EFFECTS, HYPOTHESES, Hypothesis
 from spsp_ctrl.plant.effects.command_delay import HISTORY, delayed, remember
 from spsp_ctrl.plant.effects.friction_asymmetry import level_difference, viscous_difference
 from spsp_ctrl.plant.effects.velocity_saturation import folded
-from spsp_ctrl.plant.layout import A, L
+from spsp_ctrl.plant.layout import A, L, O
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 BENCH = load_axis_model(CONFIG / "axis.yaml")
@@ -161,6 +161,19 @@ def test_effect_acts_on_the_platform_too(h: Hypothesis) -> None:
     assert np.isfinite(changed).all()
     if not h.random:
         assert np.abs(changed - plain).max() > 1e-6
+
+
+@settings(max_examples=30, deadline=None)
+@given(data=st.data())
+def test_any_company_of_effects_stays_bounded_on_the_platform(data: st.DataObject) -> None:
+    effects: dict[str, float] = {}
+    for h in data.draw(st.lists(st.sampled_from(ON_PLATFORM), min_size=1, max_size=12, unique=True)):
+        signed = {free.name: any(s < 0.0 for s in free.starts) or free.nuisance for free in h.free}
+        effects |= {free.name: data.draw(st.floats(free.low if signed[free.name] else max(free.low, 0.0), free.high)) for free in h.free}
+    y = twin_run.platform_run(150, effects, data.draw(st.floats(0.0, 6.0)))
+    assert np.isfinite(y).all()
+    joints = y[:-1, [O.joint_pitch_rad, O.joint_roll_rad]]
+    assert np.abs(joints).max() < 0.5, "beyond the stops"
 
 
 def test_the_plain_twins_agree_with_the_compiled_kernels() -> None:
