@@ -105,6 +105,14 @@ def test_sensor_set_gives_the_rate_when_the_filter_does_not() -> None:
     assert ImuDecoder().decode([Packet(T.FILTER, ((T.EULER, struct.pack(T.FLAGGED_VECTOR, 0, 0, 0, 1)),))]) == []
 
 
+@given(st.integers(0, 3000 * T.WEEK_NS))
+def test_a_unit_without_reference_time_is_stamped_by_gps_time(time_ns: int) -> None:
+    imu = MipImu(500)
+    imu.receive(mip_host.message_format(T.FILTER, ((T.FILTER_GPS_TIME, 1), (T.EULER, 1), (T.ANGULAR_RATE, 1))) + mip_host.stream(T.FILTER, True))
+    (reading,) = ImuDecoder().decode(PacketParser().feed(imu.sample(time_ns, STATE)))
+    assert abs(reading.device_ns - time_ns) <= 1
+
+
 def test_idle_is_silent_and_resume_goes_on() -> None:
     imu = MipImu(500)
     set_up(imu, 500)

@@ -63,6 +63,7 @@ _FIELDS: dict[int, dict[int, Callable[[ImuState, int], bytes]]] = {
     T.FILTER: {
         T.EULER: lambda s, t: struct.pack(T.FLAGGED_VECTOR, s.roll_rad, s.pitch_rad, s.yaw_rad, int(s.valid)),
         T.ANGULAR_RATE: lambda s, t: struct.pack(T.FLAGGED_VECTOR, s.gyro_x_rad_s, s.gyro_y_rad_s, s.gyro_z_rad_s, int(s.valid)),
+        T.FILTER_GPS_TIME: lambda s, t: struct.pack(T.GPS_TIME, t % T.WEEK_NS * 1e-9, t // T.WEEK_NS, 1),
         T.FILTER_STATUS: lambda s, t: struct.pack(T.STATUS, T.FILTER_RUNNING[1] if s.valid else 1, 1, 0),
         T.REFERENCE_TIME: lambda s, t: struct.pack(T.TIME_NS, t),
     },

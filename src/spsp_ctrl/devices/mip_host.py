@@ -112,7 +112,21 @@ def _fields(held: bytes, at: int, end: int) -> tuple[tuple[int, bytes], ...] | N
     return tuple(found)
 
 
-_VECTOR, _FLAGGED, _TIME = struct.Struct(T.VECTOR), struct.Struct(T.FLAGGED_VECTOR), struct.Struct(T.TIME_NS)
+_VECTOR, _FLAGGED, _TIME, _GPS = (struct.Struct(layout) for layout in (T.VECTOR, T.FLAGGED_VECTOR, T.TIME_NS, T.GPS_TIME))
+
+
+def _device_ns(packet: Packet) -> int | None:
+    """Time of a filter packet: since power-up, else of GPS week and second (units without the other), -1 for none; None when it is damaged."""
+    data = packet.field(T.REFERENCE_TIME)
+    if data is not None:
+        return int(_TIME.unpack(data)[0]) if len(data) == _TIME.size else None
+    data = packet.field(T.FILTER_GPS_TIME)
+    if data is None:
+        return -1
+    if len(data) != _GPS.size:
+        return None
+    second, week, _ = _GPS.unpack(data)
+    return week * T.WEEK_NS + round(second * 1e9) if 0.0 <= second < 604_801.0 else None
 
 
 class ImuDecoder:
@@ -145,11 +159,12 @@ class ImuDecoder:
         self._gyro = _VECTOR.unpack(data)
 
     def _filter(self, packet: Packet) -> ImuReading | None:
-        angles, rate, time = packet.field(T.EULER), packet.field(T.ANGULAR_RATE), packet.field(T.REFERENCE_TIME)
+        angles, rate = packet.field(T.EULER), packet.field(T.ANGULAR_RATE)
         if angles is None:
             return None
-        wrong = len(angles) != _FLAGGED.size or (rate is not None and len(rate) != _FLAGGED.size) or (time is not None and len(time) != _TIME.size)
-        if wrong or (rate is None and self._gyro is None):
+        device_ns = _device_ns(packet)
+        wrong = len(angles) != _FLAGGED.size or (rate is not None and len(rate) != _FLAGGED.size)
+        if wrong or device_ns is None or (rate is None and self._gyro is None):
             self.unusable += 1
             return None
         roll, pitch, yaw, flag = _FLAGGED.unpack(angles)
@@ -158,7 +173,6 @@ class ImuDecoder:
         else:
             assert self._gyro is not None
             (x, y, z), rate_flag = self._gyro, 1
-        device_ns = int(_TIME.unpack(time)[0]) if time is not None else -1
         numbers = (roll, pitch, yaw, x, y, z)
         valid = bool(flag & 1) and bool(rate_flag & 1) and all(map(isfinite, numbers))
         return ImuReading(device_ns, valid, *numbers)

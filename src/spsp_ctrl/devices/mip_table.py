@@ -43,7 +43,7 @@ WRITE, READ, SAVE, LOAD, RESET = 1, 2, 3, 4, 5
 """Function selectors."""
 
 # data fields of the sensor set
-ACCEL, GYRO, SENSOR_GPS_TIME = 0x04, 0x05, 0x12
+ACCEL, GYRO = 0x04, 0x05
 # data fields of the filter set
 EULER, ANGULAR_RATE, FILTER_STATUS, FILTER_GPS_TIME = 0x05, 0x0E, 0x10, 0x11
 # data fields of every set
@@ -52,6 +52,8 @@ REFERENCE_TIME = 0xD5
 
 VECTOR, FLAGGED_VECTOR, GPS_TIME, TIME_NS, STATUS = ">3f", ">3fH", ">dHH", ">Q", ">3H"
 """Layouts: gyro (rad/s) or accelerometer (g); Euler angles (roll, pitch, yaw in rad) or rate, with a validity flag; times; status."""
+WEEK_NS = 604_800_000_000_000
+"""GPS time counts weeks and seconds in the week."""
 FILTER_RUNNING = (2, 3, 4)
 """Filter states with a valid attitude: vertical gyro, AHRS, full navigation."""
 
