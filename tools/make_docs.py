@@ -15,6 +15,7 @@ from typing import Any, get_type_hints
 
 from spsp_ctrl import messages
 from spsp_ctrl.cli import common
+from spsp_ctrl.config.import_map import ImportMap
 from spsp_ctrl.config.rig import MechanismFile, RigConfig
 from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.config.units import UNITS, spellings
@@ -314,6 +315,7 @@ GENERATORS: dict[str, Callable[[], Any]] = {
     "reactions": reactions,
     "exit-codes": exit_codes,
     "scenario-keys": lambda: config_tables(Scenario),
+    "import-map-keys": lambda: config_tables(ImportMap),
     "rig-keys": lambda: config_tables(RigConfig),
     "mechanism-keys": lambda: config_tables(MechanismFile).split("\n\n### ")[0],
 }

@@ -15,6 +15,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from spsp_ctrl.config.import_map import ImportMap
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.config.units import UNITS, spellings
@@ -117,6 +118,7 @@ def schemas() -> dict[str, str]:
         "scenario.schema.json": model_class_schema(Scenario),
         "model.schema.json": plant_model_schema(),
         "axis.schema.json": axis_model_schema(),
+        "import-map.schema.json": model_class_schema(ImportMap),
     }
     return {name: json.dumps(schema, indent=1, ensure_ascii=False) + "\n" for name, schema in found.items()}
 

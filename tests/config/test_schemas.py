@@ -14,7 +14,7 @@ from tools import make_schemas
 from spsp_ctrl.config.loader import _construct
 
 CONFIG = Path(__file__).parents[2] / "config"
-KIND = {"rig": "rig.schema.json", "scenario": "scenario.schema.json", "model": "model.schema.json", "axis": "axis.schema.json"}
+KIND = {name: f"{name}.schema.json" for name in ("rig", "scenario", "model", "axis", "import-map")}
 """Schema by the kind of file; a model file of ``kind: axis`` has its own."""
 FILES = [
     path
@@ -69,6 +69,9 @@ def test_shipped_file_is_valid_and_names_its_schema(path: Path) -> None:
         ("model.yaml", "  bus_voltage:", "  buss_voltage:"),
         ("experiments/swing-2dof.yaml", "duration_s: 40.0", "duration_s: -1.0"),
         ("experiments/swing-2dof.yaml", "kind: inertial", "kind: inertia"),
+        ("import/emps.yaml", "kind: cascade", "kind: pid"),
+        ("import/emps.yaml", "unit: s,", "unit: h,"),
+        ("import/emps.yaml", "{source: vir,", "{sorce: vir,"),
     ],
 )
 def test_what_the_loader_refuses_the_schema_refuses(file: str, old: str, new: str) -> None:

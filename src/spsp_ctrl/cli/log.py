@@ -1,4 +1,4 @@
-"""``spsp-ctrl log``: look into a log, export or repair it."""
+"""``spsp-ctrl log``: look into a log, export or repair it, bring a foreign recording in."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 
 import click
 
-from spsp_ctrl.cli.common import JSON, guarded
+from spsp_ctrl.cli.common import EXIT_DATA, JSON, bar, guarded
 
 
 @click.group()
 def log() -> None:
-    """Look into a log, export or repair it."""
+    """Look into a log, export or repair it, bring a foreign recording in."""
 
 
 LOG = click.argument("path", metavar="LOG", type=click.Path(path_type=Path))
@@ -76,3 +76,28 @@ def log_repair(path: Path, out: Path, force: bool) -> None:
 
     kept, problem = repair(path, out, force=force)
     click.echo(f"{out}: {kept} messages kept" + (f"; the input was damaged: {problem}" if problem else "; the input was complete"))
+
+
+@log.command("import", epilog="Example: spsp-ctrl log import bench.csv --map config/import/bench-csv.yaml --out bench.mcap")
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.option("--map", "-m", "map_path", required=True, metavar="MAP", type=click.Path(path_type=Path), help="Import map: which column is what.")
+@click.option("--out", "-o", type=click.Path(path_type=Path), help="Log to write; without it the recording is only judged.")
+@FORCE
+@JSON
+@guarded
+def log_import(path: Path, map_path: Path, out: Path | None, force: bool, as_json: bool) -> None:
+    """Turn a CSV, MATLAB (.mat) or MDF (.mf4) recording into a log, after checking its time base, units, signs and scaling."""
+    from spsp_ctrl.config.loader import load_import_map
+    from spsp_ctrl.recording.importing import import_log
+
+    loaded = load_import_map(map_path)
+    with bar("writing", as_json) as progress:
+        found = import_log(path, loaded, out, force=force, progress=progress)
+    click.echo(json.dumps(found.to_dict() | {"written": bool(out) and not found.refused}, indent=2) if as_json else "\n".join(found.lines()))
+    for check in found.refused:
+        click.echo(f"{path}: {check.channel}: {check.name} = {check.value:.4g}, allowed {check.limit}: {check.text}", err=True)
+    if found.refused:
+        click.echo("nothing was written" if out else "it would not be taken", err=True)
+        raise SystemExit(EXIT_DATA)
+    if out and not as_json:
+        click.echo(f"{out}: {found.samples} cycles")

@@ -15,6 +15,7 @@ from typing import Any, Generic, TypeVar, Union, get_args, get_origin
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from spsp_ctrl.config.import_map import IMPORT_MAP_SCHEMA, ImportMap, problems
 from spsp_ctrl.config.rig import MECHANISM_SCHEMA, RIG_SCHEMA, MechanismFile, RigConfig
 from spsp_ctrl.config.scenario import SCENARIO_SCHEMA, Scenario
 from spsp_ctrl.config.tolerances import TOLERANCES_SCHEMA, TRANSMISSION_SCHEMA, ToleranceFile, TransmissionFile
@@ -32,6 +33,7 @@ KINDS = {
     "spsp-ctrl/model/1": "a plant model file",
     TOLERANCES_SCHEMA: "a tolerance file",
     TRANSMISSION_SCHEMA: "a transmission file",
+    IMPORT_MAP_SCHEMA: "an import map",
 }
 
 
@@ -317,6 +319,15 @@ def load_tolerances(path: Path) -> Loaded[ToleranceFile]:
 def load_transmission(path: Path) -> Loaded[TransmissionFile]:
     """A transmission file."""
     return load_yaml_model(path, TransmissionFile, TRANSMISSION_SCHEMA)
+
+
+def load_import_map(path: Path) -> Loaded[ImportMap]:
+    """An import map, its fields and units checked against the messages."""
+    loaded = load_yaml_model(path, ImportMap, IMPORT_MAP_SCHEMA)
+    found = [ConfigProblem(loaded.path, *loaded.locate(place), text) for place, text in problems(loaded.model)]
+    if found:
+        raise ConfigError(sorted(found, key=lambda p: (p.line, p.column)))
+    return loaded
 
 
 def resolve_reference(loaded: Loaded[Any], place: Location) -> Path:
