@@ -378,7 +378,8 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
                 -e.platform_roll_rad, e.platform_pitch_rad, -r.roll_rate_rad_s, r.pitch_rate_rad_s, heading_rate
             )
             if p.observe:
-                dp, dr = body_to_tilt_rates(pitch, roll, wx - base_x, wy - base_y, e.azimuth_rate_rad_s)
+                # the azimuth rate asked for: the one that there is comes in steps of the stepper's service and of its play
+                dp, dr = body_to_tilt_rates(pitch, roll, wx - base_x, wy - base_y, state.azimuth_rate)
                 ddp, ddr = body_to_tilt_rates(pitch, roll, -accel_x, -accel_y, 0.0)
                 wanted = _by_rods(p, e, error_pitch, error_roll, pitch, roll, dp, dr, ddp, ddr, lead1, lead2, gate)
             else:
