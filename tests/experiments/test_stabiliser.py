@@ -99,6 +99,17 @@ def test_stabiliser_holds(pitch: Sines, roll: Sines, most: float, rms: float) ->
 TWO = ([(6.0, 4.0)], [(15.0, 8.0)])
 
 
+def test_outer_frame_in_pitch_is_held_as_well_though_azimuth_must_turn() -> None:
+    """Azimuth turns to and fro by 1.2 degrees through its play, under 15 degrees of tilt: play not known shows as a tilt error of 0.5 arcmin."""
+    scenario = swing(*TWO)
+    other = scenario.model_copy(update={"base": scenario.base.model_copy(update={"axis_order": "pitch_roll"})})
+    error, events, _ = held(other)
+    assert error["imu_max"] <= 0.6, error
+    assert error["imu_rms"] <= 0.15, error
+    assert error["true_max"] <= 1.0, error
+    assert not [e for e in events if e["id"] == "law-fallback"]
+
+
 @pytest.mark.parametrize(
     "factors",
     [

@@ -138,6 +138,8 @@ class AzimuthDrive(Strict):
     """Microsteps per full step."""
     rate_hz: float = Field(default=100.0, ge=1.0, le=1000.0)
     """Rate at which the stepper is served."""
+    play_mrad: float = Field(default=0.0, ge=0.0, le=20.0)
+    """Total play of the gear at the azimuth axis: after a reversal the platform stands still for as long."""
 
 
 class ImuConfig(Strict):
@@ -313,6 +315,8 @@ class HeadingLoop(Strict):
     """Integral gain."""
     base_rate_feedforward: bool = True
     """Turn against the base as the gyro feels it."""
+    feedforward_hz: float = Field(default=2.0, gt=0.0, le=50.0)
+    """Corner up to which it does: above, the gyro feels the azimuth axis rattle in its play."""
 
 
 class ControlConfig(Strict):

@@ -82,6 +82,13 @@ def follow(state: Flank, gap: GapParams, screw_step_m: float, gravity_n: float, 
     return _new(Flank, (friction, offset + PULL * (wanted - offset), share))
 
 
+def play(before: float, driving: float, half: float) -> float:
+    """Where the driven side of a play of ``2 half`` stands that friction holds: it moves only while the driving side pushes it."""
+    if driving - half > before:
+        return driving - half
+    return driving + half if driving + half < before else before
+
+
 def gravity_forces(
     gap: GapParams, tilt_pitch_rad: float, tilt_roll_rad: float, j11: float, j21: float, j22: float
 ) -> tuple[float, float]:

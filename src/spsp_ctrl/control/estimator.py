@@ -179,7 +179,11 @@ def step(
     roll_rate = (rate2 - j21 * pitch_rate) / j22
     azimuth_rate = m.azimuth.rate_microsteps_s * p.rad_per_microstep
     # the stepper is served slowly: where it is now, not where it was at its stamp (25 deg/s for 10 ms under 15 deg of tilt are 4 arcmin)
-    azimuth = m.azimuth.microsteps * p.rad_per_microstep + azimuth_rate * (now_ns - m.azimuth.stamp_ns) * 1e-9
+    stepper = m.azimuth.microsteps * p.rad_per_microstep + azimuth_rate * (now_ns - m.azimuth.stamp_ns) * 1e-9
+    azimuth = backlash.play(before[2], stepper, p.azimuth_half_play_rad)
+    # while the gear crosses its play the platform does not turn: taken for a turn of the base, that would make the stepper chase itself
+    if p.azimuth_half_play_rad and (azimuth - before[2]) * azimuth_rate <= 0.0:
+        azimuth_rate = 0.0
 
     wx, wy, wz = joint_rates_to_body(joint_pitch, joint_roll, pitch_rate, roll_rate, azimuth_rate)
     if dt == p.period_s:

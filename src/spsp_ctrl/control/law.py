@@ -74,11 +74,14 @@ class LawState(NamedTuple):
     gap_roll: GapState
     heading_integral: float
     azimuth_rate: float
+    turn_rate: float
+    """What the base asks of the azimuth rate, through the tracking filter, in rad/s, and its slope."""
+    turn_slope: float
 
 
 _ATTITUDE = AttitudeState(0.0, 0.0, 0.0, 0.0)
 _AXIS = AxisState(0.0, 0.0, 0, 0.0, 0.0, 0.0, 0.0)
-START = LawState(_ATTITUDE, _ATTITUDE, _AXIS, _AXIS, backlash.START, backlash.START, 0.0, 0.0)
+START = LawState(_ATTITUDE, _ATTITUDE, _AXIS, _AXIS, backlash.START, backlash.START, 0.0, 0.0, 0.0, 0.0)
 
 
 class Output(NamedTuple):
@@ -108,11 +111,19 @@ def _clip(value: float, limit: float) -> float:
 
 STANDSTILL_M_S = 0.4e-3
 MOVING_M_S = 1.0e-3
-STILL_SHARE = 0.25
+STILL_SHARE = 0.5
 
 
 def _smoothstep(x: float) -> float:
     return 0.0 if x <= 0.0 else 1.0 if x >= 1.0 else x * x * (3.0 - 2.0 * x)
+
+
+def _track(value: float, slope: float, seen: float, corner_rad_s: float, dt: float) -> tuple[float, float]:
+    """Second-order tracking filter (critically damped, no lag behind a ramp): value and slope."""
+    share = corner_rad_s * dt
+    value += slope * dt
+    error = seen - value
+    return value + 2.0 * share * error, slope + corner_rad_s * share * error
 
 
 def _rod(
@@ -341,7 +352,7 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
     lead1 = state.gap_pitch.offset_m if p.gap is not None else 0.0
     lead2 = state.gap_roll.offset_m if p.gap is not None else 0.0
     wanted = _NOTHING
-    heading_integral = azimuth_wanted = azimuth_p = azimuth_ff = 0.0
+    heading_integral = azimuth_wanted = azimuth_p = azimuth_ff = turn_rate = turn_slope = 0.0
     if gate >= ALIGN:
         limit = 0.25 * p.azimuth_rate_rad_s
         heading_integral = _clip(state.heading_integral + p.heading_ki * error_heading * dt, limit)
@@ -367,17 +378,21 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
                 -e.platform_roll_rad, e.platform_pitch_rad, -r.roll_rate_rad_s, r.pitch_rate_rad_s, heading_rate
             )
             if p.observe:
-                dp, dr = body_to_tilt_rates(pitch, roll, wx - base_x, wy - base_y, e.azimuth_rate_rad_s)
+                # the azimuth rate asked for: the one that there is comes in steps of the stepper's service and of its play
+                dp, dr = body_to_tilt_rates(pitch, roll, wx - base_x, wy - base_y, state.azimuth_rate)
                 ddp, ddr = body_to_tilt_rates(pitch, roll, -accel_x, -accel_y, 0.0)
                 wanted = _by_rods(p, e, error_pitch, error_roll, pitch, roll, dp, dr, ddp, ddr, lead1, lead2, gate)
             else:
                 wanted = _by_attitude(
                     state, p, e, r, error_pitch, error_roll, heading_rate, base_x, base_y, accel_x, accel_y, gate
                 )
+            cp, cr, sr = cos(pitch), cos(roll), sin(roll)
+            azimuth_wanted = (wz * cr - wy * sr) / cp
             if p.heading_feedforward:
-                wz -= base_z
-                wy -= base_y
-            azimuth_wanted = (wz * cos(roll) - wy * sin(roll)) / cos(pitch)
+                turn_rate, turn_slope = _track(
+                    state.turn_rate, state.turn_slope, (base_y * sr - base_z * cr) / cp, p.heading_corner_rad_s, dt
+                )
+                azimuth_wanted += turn_rate
             azimuth_ff = azimuth_wanted - azimuth_p - heading_integral
         else:
             wanted = _by_rods(
@@ -431,5 +446,7 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
             gap_roll,
             heading_integral,
             azimuth_rate,
+            turn_rate,
+            turn_slope,
         ),
     )

@@ -102,6 +102,7 @@ class LawParams:
     """Elongation per kelvin, l0 * alpha; zero when the compensation is off."""
     thermal_reference_c: float
     rad_per_microstep: float
+    azimuth_half_play_rad: float
     imu_period_s: float
     imu_delay_s: float
     attitude_lag_s: float
@@ -130,6 +131,8 @@ class LawParams:
     heading_kp: float
     heading_ki: float
     heading_feedforward: bool
+    heading_corner_rad_s: float
+    """Corner of the tracking filter on what the base asks of the azimuth."""
     presliding_rad: float
     """Motor travel over which its friction turns round."""
     envelope_share: float
@@ -261,6 +264,7 @@ def law_params(config: RigConfig) -> LawParams:
         thermal_reference_c=thermal.reference_c,
         rad_per_microstep=2.0 * pi
         / (config.azimuth.full_steps_per_turn * config.azimuth.microsteps * config.azimuth.gear_ratio),
+        azimuth_half_play_rad=0.5e-3 * config.azimuth.play_mrad,
         imu_period_s=1.0 / config.imu.rate_hz,
         imu_delay_s=config.imu.delay_ms * 1e-3,
         attitude_lag_s=config.imu.attitude_lag_ms * 1e-3,
@@ -287,6 +291,7 @@ def law_params(config: RigConfig) -> LawParams:
         heading_kp=config.control.heading.kp_1_s,
         heading_ki=config.control.heading.ki_1_s2,
         heading_feedforward=config.control.heading.base_rate_feedforward,
+        heading_corner_rad_s=2.0 * pi * config.control.heading.feedforward_hz,
         presliding_rad=friction.presliding_mrad * 1e-3,
         envelope_share=1.0 - exp(-1.0 / (config.rate_hz * ENVELOPE_SMOOTHING_S)),
         envelope_decay=exp(-1.0 / (config.rate_hz * ENVELOPE_S)),

@@ -42,12 +42,12 @@ DIGITS, BASE_DIGITS = 2, 3
 class DesignSpec:
     """What is asked of each loop, and the noise that the observers are for. Every number has its reason."""
 
-    motor_angle_walk_rad2_s: float = 5.5e-6
+    motor_angle_walk_rad2_s: float = 3.5e-6
     """Random walk of the motor angle: the resolver's periodic error, 2 mrad over a second."""
-    motor_white_rad2_s3: float = 0.7
-    """White acceleration of the motor: 26 rad/s2 per cycle, twice the reported current's noise (cogging and ripple beside it)."""
-    motor_walk_rad2_s5: float = 1.1e4
-    """Random walk of the disturbance: friction that turns round once in 90 s by this measure; the integral of the speed loop has the rest."""
+    motor_white_rad2_s3: float = 3.5
+    """White acceleration of the motor: 59 rad/s2 per cycle, or 24 mA: reported current's noise, cogging, ripple and +-30 % of motor gain."""
+    motor_walk_rad2_s5: float = 1.65e5
+    """Random walk of the disturbance: friction (500 rad/s2) that turns round once in 6 s; an observer slower than that costs the loop phase."""
     base_attitude_arcmin: float = 0.1
     """Standard deviation of one base tilt seen: attitude noise and what the joints add."""
     base_gyro_arcmin_s: float = 4.0
@@ -56,11 +56,11 @@ class DesignSpec:
     """White jerk of the carrier."""
     base_walk_arcmin2_s: float = 0.1
     """Random walk of the apparent base tilt: what the kinematics does not know (lead error, wind-up)."""
-    yaw_jerk_arcmin2_s5: float = 3.8e4
-    """White jerk of base yaw: faster than the tilts, a carrier turns."""
-    yaw_walk_arcmin2_s3: float = 140.0
+    yaw_jerk_arcmin2_s5: float = 890.0
+    """White jerk of base yaw: below the tilts', since what is fast in this signal is the azimuth axis in its play."""
+    yaw_walk_arcmin2_s3: float = 18.0
     """Random walk of the yaw rate."""
-    cascade_speed_hz: float = 24.0
+    cascade_speed_hz: float = 23.6
     """Motor loop of the cascade: a quarter of the structural mode (105 Hz)."""
     cascade_speed_deg: float = 67.0
     """With the attitude loop closed around it about 20 deg less is left."""
@@ -68,20 +68,20 @@ class DesignSpec:
     """Position on the resolvers: about a third of the motor loop."""
     cascade_attitude_hz: float = 6.9
     """Attitude: under a third of the motor loop; delay, lag and frame of the IMU take 30 deg there."""
-    cascade_attitude_deg: float = 47.0
-    stabiliser_speed_hz: float = 25.0
+    cascade_attitude_deg: float = 47.3
+    stabiliser_speed_hz: float = 23.9
     """As the cascade's ..."""
-    stabiliser_speed_deg: float = 58.5
-    """... with twice the integral: friction's share in the error falls with it."""
-    stabiliser_rod_hz: float = 11.8
-    """Position loop, half the motor loop: does not wait for the IMU."""
+    stabiliser_speed_deg: float = 63.7
+    """... with a third more integral: friction's share in the error falls with it."""
+    stabiliser_rod_hz: float = 8.3
+    """Position loop, a third of the motor loop: it does not wait for the IMU, and every corner keeps its disk margin."""
     stabiliser_attitude_hz: float = 5.3
     """Used with the base observer off. Lower than the cascade's: the feed-forward, which does the work, needs part of the margin."""
-    stabiliser_attitude_deg: float = 63.0
-    performance_speed_hz: float = 50.5
-    """Motor loop of an identified motor: half the structural mode."""
-    performance_speed_deg: float = 51.3
-    performance_rod_hz: float = 14.0
+    stabiliser_attitude_deg: float = 60.4
+    performance_speed_hz: float = 36.0
+    """Motor loop of an identified motor: a third of the structural mode."""
+    performance_speed_deg: float = 59.0
+    performance_rod_hz: float = 10.9
     corner: float = 0.3
     """Corners: torque constant and motor inertia by this much up and down."""
 
