@@ -144,6 +144,7 @@ class Again(SimulatedRig):
 def test_second_interrupt_ends_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, presses: tuple[int, ...], last_mode: Mode) -> None:
     monkeypatch.setattr("spsp_ctrl.rig.simulated.SimulatedRig", Again)
     monkeypatch.setattr(Again, "presses", presses)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may have started us with Ctrl-C ignored
     result = run_short(tmp_path / "run", 4.0)
     assert result.loop.ended == "interrupted"
     assert result.log.complete

@@ -28,6 +28,8 @@ LOST_DEG = 0.2
 MEDIAN_FRAMES = 41
 SLIP_STEPS = 3.0
 """A slip is by four full steps; the rotor lags by less than two."""
+FAST_SLIP_S = 0.1
+"""Two teeth lost within this time are a fast slip; a wound-up rotor that lets one tooth go creeps, too slowly for the heading to tell."""
 
 
 def _targets(scenario: Scenario) -> list[tuple[float, float, float]]:
@@ -156,9 +158,12 @@ def figures(topics: Topics, config: RigConfig, scenario: Scenario) -> Figures:
         result[f"alarms_{means.name.lower()}"] = sum(how == means for _, how in alarms)
     if "/truth" in topics:
         truth = topics["/truth"]
-        slipped = np.flatnonzero(np.abs(truth["lost_steps"]) >= SLIP_STEPS)
+        slipped = np.flatnonzero(np.abs(np.diff(truth["lost_steps"])) >= SLIP_STEPS) + 1
         if len(slipped):
-            since = float(truth["stamp_ns"][slipped[0]]) * 1e-9
+            at_s = truth["stamp_ns"][slipped] * 1e-9
+            fast = np.flatnonzero(np.diff(at_s) < FAST_SLIP_S)
+            result["crept_slips"] = float(fast[0] if len(fast) else len(at_s))
+            since = float(at_s[fast[0]] if len(fast) else at_s[0])
             for means in (steps.Means.HEADING, steps.Means.HOME):
                 seen = [stamp for stamp, how in alarms if how == means and stamp >= since]
                 result[f"late_{means.name.lower()}_s"] = seen[0] - since if seen else None
