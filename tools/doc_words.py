@@ -10,7 +10,7 @@ FIELDS: dict[str, str] = {
     "Command.stamp_ns": "SYNC at which it was computed; it acts from the next one",
     "Command.seq": "counts commands from 0",
     "/events.level": "how grave it is",
-    "/events.id": "`mode`, `skip`, or the id of a fault ([faults](faults.md))",
+    "/events.id": "`mode`, `skip`, `motion` (the name of the motion that starts, on a single axis), or the id of a fault ([faults](faults.md))",
     "/events.text": "for a person",
 }
 """Meaning by ``Class.field`` or, where it is the same everywhere, by ``field``. A docstring in ``messages.py`` comes first."""
@@ -20,6 +20,7 @@ TOPIC_WORDS: dict[str, tuple[str, str, str]] = {
     "/control": ("every cycle", "yes", "estimate, reference, every term, the command that was sent: the output of the law"),
     "/timing": ("every cycle", "**no**", "wall-clock quantities of the cycle"),
     "/truth": ("every cycle, virtual rigs only", "yes", "true state; `diagnose` never opens it"),
+    "/axis": ("every cycle, logs of a single axis only", "yes", "command, references, readings and known inputs of the axis"),
     "/events": ("when it happens", "yes in lock-step", "mode changes, faults, skipped cycles"),
     "/operator": ("when it happens", "yes in lock-step", "requests as the loop took them: an input of the law"),
 }

@@ -452,6 +452,41 @@ class Truth(NamedTuple):
     """Bits: 1 pitch leg, 2 roll leg, 4 azimuth on a hard stop."""
 
 
+class AxisSample(NamedTuple):
+    """One cycle of a single axis: one drive, screw and moving mass with a measurement at the load (the push-rod bench, a positioning axis)."""
+
+    stamp_ns: int
+    cycle: int
+    enabled: bool
+    """The power stage is on."""
+    velocity_mode: bool
+    """The drive follows ``command_rad_s`` with its own speed loop, else ``command_a``."""
+    reference_m: float
+    """Travel that the motion asks of the load, 0 if it asks for none."""
+    reference_m_s: float
+    """Its rate."""
+    command_a: float
+    """Current command given at this SYNC; it acts until the next one. Volt for a drive that is commanded in volts. 0 in velocity mode."""
+    command_rad_s: float
+    """Motor speed command (velocity mode), likewise."""
+    current_a: float
+    """Measured motor current."""
+    bus_voltage_v: float
+    """Supply voltage at the drive."""
+    resolver_counts: int
+    """Position of the motor shaft, multi-turn."""
+    load_m: float
+    """Travel of the load from zero, by the ruler."""
+    load_force_n: float
+    """Known outer force on the load, positive against positive travel: an input."""
+    load_mass_kg: float
+    """Known mass added to the carriage: an input."""
+    screw_c: float
+    """Temperature sensor at the screw nut, which lags the screw: an input."""
+    ambient_c: float
+    """Temperature of the surroundings: an input."""
+
+
 class OperatorRequest(NamedTuple):
     """One request on the operator channel, with the cycle time at which it was taken."""
 

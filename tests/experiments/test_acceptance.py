@@ -14,7 +14,7 @@ from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments import summary
 from spsp_ctrl.messages import Control, Measurement, OperatorRequest, Timing, Truth
 from spsp_ctrl.plant.model import PlantModel, load_model
-from spsp_ctrl.recording.schema import TOPICS
+from spsp_ctrl.recording.schema import CYCLIC, TOPICS
 from spsp_ctrl.rig.simulated import SimulatedRig
 from spsp_ctrl.runtime import cycle
 from spsp_ctrl.runtime.clock import LockStepClock
@@ -30,11 +30,11 @@ class Memory:
     """Keeps the cyclic messages as the log would hold them."""
 
     def __init__(self) -> None:
-        self.rows: dict[str, list[bytes]] = {topic: [] for topic in TOPICS}
+        self.rows: dict[str, list[bytes]] = {topic: [] for topic in CYCLIC}
 
     def record_cycle(self, measurement: Measurement, control: Control, timing: Timing, truth: Truth | None) -> None:
         assert truth is not None
-        for topic, message in zip(TOPICS, (measurement, control, timing, truth), strict=True):
+        for topic, message in zip(CYCLIC, (measurement, control, timing, truth), strict=True):
             self.rows[topic].append(TOPICS[topic].encode(message))
 
     def event(self, stamp_ns: int, level: str, id: str, text: str) -> None:

@@ -20,7 +20,7 @@ from tests.sessions import RIG, command, one_clear_line, run_short
 
 from spsp_ctrl.messages import Measurement
 from spsp_ctrl.recording.reader import LogData, LogError, digest_topics, read_log
-from spsp_ctrl.recording.schema import TOPICS
+from spsp_ctrl.recording.schema import CYCLIC, TOPICS
 from spsp_ctrl.recording.writer import Recorder, RecorderError
 from spsp_ctrl.recording.writer_process import McapLog
 from spsp_ctrl.rig.simulated import SimulatedRig
@@ -190,7 +190,7 @@ def test_json_that_is_not_an_event_is_a_problem_of_the_log(tmp_path: Path) -> No
     with path.open("wb") as stream:
         copy = McapLog(stream)
         for payload in (b"[1, 2]", b"{}", b"not json"):
-            copy.message(len(TOPICS), 0, 0, payload)
+            copy.message(len(CYCLIC), 0, 0, payload)
         copy.finish()
     assert "/events" in read_log(path).problem
     assert command("log", "cat", path, "/events").exit_code == 0

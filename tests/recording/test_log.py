@@ -19,7 +19,7 @@ from tests.sessions import run_short
 
 from spsp_ctrl import messages as m
 from spsp_ctrl.recording.reader import LogError, digest_topics, messages, read_log
-from spsp_ctrl.recording.schema import JSON_TOPICS, TOPICS, Codec, _codec, ros_name, ros_schema
+from spsp_ctrl.recording.schema import CYCLIC, JSON_TOPICS, TOPICS, Codec, _codec, ros_name, ros_schema
 from spsp_ctrl.runtime.identity import law_digest
 
 CLASSES = [
@@ -89,9 +89,9 @@ def flat(message: Any, names: tuple[str, ...]) -> list[Any]:
 def test_independent_readers_see_the_same_numbers(log: Path) -> None:
     ours = read_log(log)
     assert ours.complete, ours.problem
-    seen: dict[str, int] = dict.fromkeys(TOPICS, 0)
+    seen: dict[str, int] = dict.fromkeys(CYCLIC, 0)
     with log.open("rb") as stream:
-        for _, channel, message, decoded in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics=[*TOPICS]):
+        for _, channel, message, decoded in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics=[*CYCLIC]):
             k = seen[channel.topic]
             seen[channel.topic] += 1
             row = ours.topics[channel.topic][k]
@@ -113,8 +113,9 @@ def test_topics_schemas_attachments_and_metadata_are_as_documented(log: Path) ->
     assert summary is not None
     assert summary.statistics is not None
     channels = {c.topic: (c.message_encoding, summary.schemas[c.schema_id]) for c in summary.channels.values()}
-    assert set(channels) == {*TOPICS, *JSON_TOPICS}
-    for topic, codec in TOPICS.items():
+    assert set(channels) == {*CYCLIC, *JSON_TOPICS}
+    for topic in CYCLIC:
+        codec = TOPICS[topic]
         encoding, schema = channels[topic]
         assert (encoding, schema.encoding, schema.name) == ("cdr", "ros2msg", ros_name(codec.cls))
         assert schema.data.decode() == ros_schema(codec.cls)
@@ -145,7 +146,7 @@ def test_read_log_of_some_topics(log: Path) -> None:
 
 def test_digests_tell_topics_apart(log: Path, tmp_path: Path) -> None:
     digests = digest_topics(log)
-    assert set(digests) == {*TOPICS, *JSON_TOPICS}
+    assert set(digests) == {*CYCLIC, *JSON_TOPICS}
     assert len(set(digests.values())) == len(digests)
     other = run_short(tmp_path / "other", 0.4, seed=2).folder / "run.mcap"
     assert digest_topics(other)["/measurement"] != digests["/measurement"]

@@ -21,7 +21,7 @@ from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments import summary as figures
 from spsp_ctrl.messages import Control, Measurement, OperatorRequest, Timing, Truth
 from spsp_ctrl.recording.reader import LogData, LogError, read_log
-from spsp_ctrl.recording.schema import TOPICS
+from spsp_ctrl.recording.schema import CYCLIC, TOPICS
 from spsp_ctrl.recording.writer import Recorder, RecorderStats
 from spsp_ctrl.rig.base import Rig
 from spsp_ctrl.rig.factory import build_rig
@@ -214,7 +214,7 @@ def _read_back(path: Path, stats: RecorderStats) -> tuple[LogData, RecorderStats
         log = read_log(path)
     except LogError as error:
         log = LogData(path, {}, {}, [], [], {}, {}, False, str(error))
-    log = replace(log, topics={topic: np.zeros(0, codec.dtype) for topic, codec in TOPICS.items()} | log.topics)
+    log = replace(log, topics={topic: np.zeros(0, TOPICS[topic].dtype) for topic in CYCLIC} | log.topics)
     kept = sum(map(len, log.topics.values())) + len(log.events) + len(log.operator)
     lost = stats.records + stats.lost - kept
     return log, RecorderStats(kept, lost, stats.problem or log.problem)

@@ -32,7 +32,7 @@ from spsp_ctrl.experiments.signals import (
     wrap,
 )
 from spsp_ctrl.messages import ReferenceKind
-from spsp_ctrl.recording.schema import TOPICS
+from spsp_ctrl.recording.schema import CYCLIC, TOPICS
 
 __all__ = ["ImuBias", "acceptance", "curves", "errors", "judged", "look_up", "measures", "timing", "within"]
 
@@ -202,7 +202,7 @@ def timing(topics: Topics, settle_s: float = 0.0, duration_s: float = float("inf
 
 def names() -> tuple[str, ...]:
     """Every figure that a summary can hold, as dotted paths: what an acceptance row may name."""
-    empty = {topic: np.zeros(0, codec.dtype) for topic, codec in TOPICS.items()}
+    empty = {topic: np.zeros(0, TOPICS[topic].dtype) for topic in CYCLIC}
     figures = errors(empty, 0.0, 0.0) | {"timing_us": timing(empty), "log": {"records": 0, "lost": 0}, "duration_s": 0.0}
 
     def walk(node: Figures, prefix: str) -> Iterator[str]:

@@ -14,7 +14,7 @@ HEAD = "BHQII"
 FRAME = struct.Struct("<" + HEAD)
 MESSAGE, ATTACHMENT, METADATA, CYCLE = 0, 1, 2, 3
 """Kinds. ``number`` is the topic of a message, the number of topics (the first of ``CYCLIC``) of a cycle, 0 otherwise."""
-TOPIC_NAMES = (*TOPICS, *JSON_TOPICS)
+TOPIC_NAMES = (*CYCLIC, *JSON_TOPICS)
 
 SIZES = tuple(RECORD.size + TOPICS[name].layout.size for name in CYCLIC)
 """Bytes of a record of each cyclic topic."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
-from spsp_ctrl.messages import Control, Measurement, Timing, Truth
+from spsp_ctrl.messages import AxisSample, Control, Measurement, Timing, Truth
 
 if TYPE_CHECKING:
     import numpy as np
@@ -167,15 +167,17 @@ TOPICS: dict[str, Codec] = {
     "/control": _codec(Control),
     "/timing": _codec(Timing),
     "/truth": _codec(Truth),
+    "/axis": _codec(AxisSample),
 }
-CYCLIC = tuple(TOPICS)
+CYCLIC = ("/measurement", "/control", "/timing", "/truth")
+"""What a rig records in every cycle; a log of a single axis holds ``/axis`` instead."""
 
 
 def packer(head: str, topics: tuple[str, ...]) -> Callable[..., bytes]:
     """A function ``pack(t, k, first, *messages)`` for one message of each topic as MCAP message records, one after the other, in one ``struct`` call.
 
     ``t`` is the log time in ns, ``k`` the sequence, ``first`` a tuple of what ``head`` (codes of :mod:`struct`) lays out before the records. The
-    channel of a topic is its place in ``TOPICS``, counted from 1.
+    channel of a topic is its place in ``CYCLIC``, counted from 1.
     """
     code, names, values = "<" + head, [], []
     space: dict[str, Any] = {"header": HEADER}

@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, Writer
 
 from spsp_ctrl import __version__
 from spsp_ctrl.recording.frames import CYCLE, FRAME, MESSAGE, METADATA, OFFSETS
-from spsp_ctrl.recording.schema import JSON_TOPICS, TOPICS, ros_name, ros_schema
+from spsp_ctrl.recording.schema import CYCLIC, JSON_TOPICS, TOPICS, ros_name, ros_schema
 
 CHUNK_BYTES = 64 * 1024
 CHUNK_NS = 50_000_000
@@ -39,13 +39,15 @@ class _Index(MessageIndex):
 class McapLog:
     """An MCAP file whose chunks close at 64 KiB or after 50 ms of log time, whichever comes first."""
 
-    def __init__(self, stream: BinaryIO) -> None:
+    def __init__(self, stream: BinaryIO, topics: tuple[str, ...] = CYCLIC) -> None:
+        """Channels: the cyclic ``topics``, then the JSON topics, numbered from 1."""
         self._stream = stream
         # the checksum over the data section also covers what stands between the chunks
         self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.LZ4, enable_data_crcs=True)
         self._writer.start(profile="ros2", library=f"spsp-ctrl {__version__}")
         self._channels = []
-        for topic, codec in TOPICS.items():
+        for topic in topics:
+            codec = TOPICS[topic]
             schema = self._writer.register_schema(ros_name(codec.cls), "ros2msg", ros_schema(codec.cls).encode())
             self._channels.append(self._writer.register_channel(topic, "cdr", schema))
         for topic, json_schema in JSON_TOPICS.items():
