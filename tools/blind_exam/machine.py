@@ -44,18 +44,17 @@ def jittered(nominal: Array, rng: np.random.Generator) -> Array:
     p = nominal.copy()
     for name in JITTERED:
         p[getattr(I, name)] *= 1.0 + JITTER * float(np.clip(rng.standard_normal(), -1.25, 1.25))
-    for name in ("cogging_phase", "first_phase", "second_phase"):
-        p[getattr(I, name)] += 0.0
     return p
 
 
-def cascade(nominal: Array, crossover_hz: float = 14.0) -> Law:
-    """Gains from the numbers as designed: speed crossover, position a fourth of it, integral a fifth."""
+def cascade(nominal: Array, crossover_hz: float = 14.0, resolver: bool = True) -> Law:
+    """Gains from the numbers as designed: speed crossover, position a fourth of it."""
     w = 2.0 * math.pi * crossover_hz
-    ratio = nominal[I.lead] / (2 * math.pi * nominal[I.gear])
-    inertia = nominal[I.rotor_inertia] + (nominal[I.moving_mass] + 2.0) * ratio**2
-    kv = w * inertia / nominal[I.torque_constant] / ratio
-    return Law(kp_1_s=round(w / 4, 3), kv_a_s_m=round(kv, 3), ki_a_m=round(kv * w / 5, 1), limit_a=float(min(5.0, nominal[I.current_limit])))
+    ratio = float(nominal[I.lead] / (2 * math.pi * nominal[I.gear]))
+    inertia = float(nominal[I.rotor_inertia] + (nominal[I.moving_mass] + 2.0) * ratio**2)
+    kv = w * inertia / float(nominal[I.torque_constant]) / ratio
+    limit = min(5.0, float(nominal[I.current_limit]))
+    return Law(round(w / 4, 3), round(kv, 3), 1.0, limit, float(resolver), float(nominal[I.lead] / nominal[I.gear]), float(nominal[I.counts]))
 
 
 def blank() -> Array:

@@ -54,12 +54,26 @@ class Inputs(NamedTuple):
 
 
 class Law(NamedTuple):
-    """The known cascade: position P on the motor shaft, speed PI with clamped integral."""
+    """The known cascade of docs/log-format.md: a position loop around a speed loop."""
 
     kp_1_s: float
     kv_a_s_m: float
-    ki_a_m: float
+    feedforward: float
     limit_a: float
+    resolver: float
+    """1: feedback from the motor shaft, 0: from the ruler."""
+    lead_m: float
+    """Travel per motor turn and counts per turn, as the controller believes."""
+    counts: float
+
+
+@njit(cache=True, error_model="numpy")
+def cascade(law: Array, reference: float, reference_rate: float, counts: float, ruler: float, last: float, first: bool) -> tuple[float, float]:
+    """Command of one cycle, and the position it was made of."""
+    position = counts / law[6] * law[5] if law[4] > 0.0 else ruler
+    rate = 0.0 if first else (position - last) * 500.0
+    command = law[1] * (law[0] * (reference - position) + law[2] * reference_rate - rate)
+    return min(max(command, -law[3]), law[3]), position
 
 
 @njit(cache=True, error_model="numpy")
@@ -76,11 +90,18 @@ def _guide(slip: Array, move: float, level: float, stiffness: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def sd_per_rad(ratio: float, p: Array, turn: float) -> float:
+    """Travel of the nut per motor radian: what carries the force back to the motor."""
+    local = p[I.first] * np.cos(turn + p[I.first_phase]) + 2.0 * p[I.second] * np.cos(2.0 * turn + p[I.second_phase])
+    return float(ratio * (1.0 + p[I.slope]) + local / p[I.gear])
+
+
+@njit(cache=True, error_model="numpy")
 def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array, start_m: float, steps: int) -> Array:
     """Simulate; returns one row per cycle: command, current, resolver counts, ruler, load position, motor angle, voltage.
 
     ``u`` has the columns of :class:`Inputs`, ``noise`` four: current, resolver, ruler, bus. With ``closed`` the cascade of ``law`` makes the
-    command, else ``given`` holds it. The command of row k acts from k to k + 1 and is made of what row k - 1 has read.
+    command of row k from the readings of row k, else ``given`` holds it; it acts from k to k + 1.
     """
     n = u.shape[0]
     out = np.zeros((n, 7))
@@ -98,10 +119,8 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
     grown = p[I.expansion] * (u[0, 4] - 20.0)
     ruler_grown = 0.0
     worked = 0.0  # seconds of motion, for the warm-up
-    integral = 0.0
     count_rad = 2.0 * np.pi / p[I.counts]
-    last_counts, last_position = 0, start_m
-    command, voltage = 0.0, 0.0
+    command, position, voltage = 0.0, 0.0, 0.0
     pending = np.zeros(64)  # commands still on their way
     k_contact = 1.0 / (1.0 / p[I.stiffness] + p[I.extra_compliance])
     held_ruler = 0.0
@@ -125,21 +144,10 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
         held_ruler = ruler
         ambient_ripple = np.sin(2.0 * np.pi * p[I.crosstalk_hz] * t0)
         measured = current + noise[k, 0] + p[I.crosstalk] * ambient_ripple
-        # the command that acts now was made of the readings of k - 1
         if closed:
-            if k > 0:
-                position = last_counts * count_rad * ratio_nominal(law)
-                speed = (position - last_position) / dt if k > 1 else 0.0
-                wanted = law[0] * (u[k - 1, 0] - position) + u[k - 1, 1]
-                error = wanted - speed
-                raw = law[1] * error + integral
-                command = min(max(raw, -law[3]), law[3])
-                if raw == command:
-                    integral += law[2] * error * dt
-                last_position = position
+            command, position = cascade(law, u[k, 0], u[k, 1], counts, ruler, position, k == 0)
         else:
             command = given[k]
-        last_counts = counts
         out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4], out[k, 5] = command, measured, counts, ruler, x, theta
         out[k, 6] = p[I.bus_voltage] * (1.0 - tiny * 0.002 * abs(current)) + noise[k, 3] + (0.15 * ambient_ripple if p[I.crosstalk] > 0.0 else 0.0)
         pending[k % 64] = command
@@ -239,16 +247,3 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
             if abs(x - x_before) > 2e-7:
                 worked += h
     return out
-
-
-@njit(cache=True, error_model="numpy")
-def ratio_nominal(law: Array) -> float:
-    """Metres per motor radian that the controller believes."""
-    return float(law[4])
-
-
-@njit(cache=True, error_model="numpy")
-def sd_per_rad(ratio: float, p: Array, turn: float) -> float:
-    """Travel of the nut per motor radian: what carries the force back to the motor."""
-    local = p[I.first] * np.cos(turn + p[I.first_phase]) + 2.0 * p[I.second] * np.cos(2.0 * turn + p[I.second_phase])
-    return float(ratio * (1.0 + p[I.slope]) + local / p[I.gear])
