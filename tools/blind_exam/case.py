@@ -9,7 +9,7 @@ import numpy as np
 from tools.blind_exam import catalogue, machine, motions, sensing
 from tools.blind_exam.catalogue import LIBRARY, OUTSIDE, SEVERITIES, Hidden, Kind
 from tools.blind_exam.motions import Motion
-from tools.blind_exam.physics import STEPS, Array, Law, run
+from tools.blind_exam.physics import NAMES, STEPS, Array, Law, run
 
 SETS = ("single", "multiple", "nothing", "outside", "twins", "poor")
 DETECTABLE = 1.5
@@ -121,20 +121,27 @@ def simulate(case: Case, p: Array, nominal: Array, kind: str, noise_seed: int) -
     return Record(motion, rows, law)
 
 
-def floors(case: Case, p: Array, nominal: Array) -> dict[str, float]:
-    """What each channel does again on the same motion with other noise: rms of the difference of two runs, per run."""
-    a, b = (simulate(case, p, nominal, "held_out", seed).rows for seed in (31, 32))
-    return {name: float(np.sqrt(np.mean((a[:, c] - b[:, c]) ** 2) / 2.0)) for name, c in CHANNELS.items()}
-
-
 def visibility(case: Case, nominal: Array) -> list[dict[str, float]]:
-    """For every hidden thing: by how many floors each channel moves on held-out motion when it alone is taken away."""
-    full, _ = build(case, nominal)
-    floor = floors(case, full, nominal)
-    with_it = simulate(case, full, nominal, "held_out", 31).rows
+    """For every hidden thing: by how many floors each channel moves on held-out motion when it alone is taken away.
+
+    The floor of a channel is what the machine without it does again on the same motion with other noise: rms of the difference of two runs, per run.
+    """
+    with_it = simulate(case, build(case, nominal)[0], nominal, "held_out", 31).rows
     shown = []
     for i in range(len(case.items)):
-        without = simulate(case, build(case, nominal, without=i)[0], nominal, "held_out", 31).rows
-        moved = {name: float(np.sqrt(np.mean((with_it[:, c] - without[:, c]) ** 2))) for name, c in CHANNELS.items()}
-        shown.append({name: moved[name] / floor[name] if floor[name] > 0 else 0.0 for name in CHANNELS})
+        machine_without, _ = build(case, nominal, without=i)
+        without, again = (simulate(case, machine_without, nominal, "held_out", seed).rows for seed in (31, 32))
+        ratio = {}
+        for name, c in CHANNELS.items():
+            floor = float(np.sqrt(np.mean((without[:, c] - again[:, c]) ** 2) / 2.0))
+            ratio[name] = float(np.sqrt(np.mean((with_it[:, c] - without[:, c]) ** 2))) / floor if floor > 0 else 0.0
+        shown.append(ratio)
     return shown
+
+
+def recalibration(case: Case, nominal: Array, index: int) -> bool:
+    """Whether the hidden thing leaves every number within the tolerance of the drawing, so that it may honestly pass for calibration."""
+    p, q = build(case, nominal)[0], build(case, nominal, without=index)[0]
+    changed = [i for i in range(len(p)) if p[i] != q[i]]
+    tolerance = 1.25 * machine.JITTER
+    return all(NAMES[i] in machine.JITTERED and abs(p[i] - nominal[i]) <= tolerance * abs(nominal[i]) for i in changed)

@@ -117,7 +117,7 @@ def _speed_limit(p: Array, severity: float, rng: np.random.Generator) -> dict[st
 
 
 def _periodic_lead(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
-    out = {}
+    out: dict[str, float] = {}
     for field, key, size in (("first", "first", 3e-6), ("second", "second", 1.2e-6)):
         a, ph = getattr(I, field), getattr(I, field + "_phase")
         z = p[a] * np.exp(1j * p[ph]) + severity * size * _spread(rng) * np.exp(1j * _phase(rng))
@@ -134,7 +134,7 @@ def _thermal(p: Array, severity: float, rng: np.random.Generator) -> dict[str, f
 
 def _eccentricity(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
     arcmin = math.pi / 10800
-    out = {}
+    out: dict[str, float] = {}
     for n, size in ((1, 8.0), (2, 5.0)):
         a, ph = (I.ecc1, I.ecc1_phase) if n == 1 else (I.ecc2, I.ecc2_phase)
         z = p[a] * np.exp(1j * p[ph]) + severity * size * arcmin * _spread(rng) * np.exp(1j * _phase(rng))

@@ -57,17 +57,17 @@ class Pen:
         """A given course, relative to where the pen is and beginning at zero."""
         self.rate(np.diff(np.append(position, position[-1])) / DT)
 
-    def motion(self, load_n: Array, load_kg: Array, screw_c: Array) -> Motion:
+    def motion(self, load_n: Array, load_kg: Array, screw_c: Array, ambient_c: Array | None = None) -> Motion:
         rates = np.concatenate(self.rates)
         rates = np.concatenate([rates, np.zeros(max(0, CYCLES - len(rates)))])[:CYCLES]
         course = self.start_m + np.concatenate([[0.0], np.cumsum(rates)[:-1]]) * DT
-        inputs = Inputs(course, rates, load_n, load_kg, screw_c, np.full(CYCLES, 20.0))
+        inputs = Inputs(course, rates, load_n, load_kg, screw_c, np.full(CYCLES, 20.0) if ambient_c is None else ambient_c)
         return Motion(inputs, tuple((at, name) for at, name in self.events if at < CYCLES))
 
 
 def _ramp(points: list[tuple[float, float]]) -> Array:
     t = np.arange(CYCLES) * DT
-    return np.interp(t, [p[0] for p in points], [p[1] for p in points])
+    return np.asarray(np.interp(t, [p[0] for p in points], [p[1] for p in points]), np.float64)
 
 
 def _multisine(seconds: float, rms_m: float, rng: np.random.Generator, low: float = 0.25, high: float = 9.0) -> Array:
@@ -121,7 +121,7 @@ def training(seed: int) -> Motion:
     half = np.arange(CYCLES - lap_b)
     load[lap_a + half[half > len(half) // 2]] = 100.0
     load[lap_b + half[half > len(half) // 2]] = 100.0
-    return pen.motion(load, mass, _ramp([(0, 20), (3, 20), (lap_a * DT, 34), (24, 34)]))
+    return pen.motion(load, mass, _ramp([(0, 20), (3, 20), (lap_a * DT, 34), (24, 34)]), _ramp([(0, 20), (16, 24), (24, 24)]))
 
 
 def held_out(seed: int) -> Motion:
@@ -148,7 +148,8 @@ def held_out(seed: int) -> Motion:
     t = np.arange(max(RATE_HZ, CYCLES - pen.cycles)) * DT
     pen.wave(0.024 * np.sin(2 * np.pi * 0.37 * t) * np.minimum(1.0, t / 0.5))
     load = _ramp([(0, 60), (5, 60), (5.002, 10), (12, 110), (18, 30), (24, 90)])
-    return pen.motion(load, np.where(np.arange(CYCLES) > 15 * RATE_HZ, 3.0, 0.0), _ramp([(0, 36), (8, 36), (20, 22), (24, 22)]))
+    mass = np.where(np.arange(CYCLES) > 15 * RATE_HZ, 3.0, 0.0)
+    return pen.motion(load, mass, _ramp([(0, 36), (8, 36), (20, 22), (24, 22)]), _ramp([(0, 25), (24, 21)]))
 
 
 def poor(seed: int) -> Motion:

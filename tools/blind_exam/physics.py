@@ -7,6 +7,7 @@ small ones are always on, and kinds that no library has are there for the open-s
 
 from __future__ import annotations
 
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,7 +39,7 @@ NAMES = (
     # small and always on
     "tiny",
 )  # fmt: skip
-I: Any = NamedTuple("Index", [(name, int) for name in NAMES])(*range(len(NAMES)))  # type: ignore[misc]  # numba reads the fields as literals
+I: Any = namedtuple("Index", NAMES)(*range(len(NAMES)))  # noqa: E741  # numba reads the fields as literals
 N = len(NAMES)
 
 
