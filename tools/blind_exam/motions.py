@@ -90,7 +90,7 @@ def training(seed: int) -> Motion:
     pen.dwell(0.2)
     pen.name("ladder")
     for speed in LADDER_M_S:
-        way = min(0.027, 0.42 * speed + 0.0006)
+        way = min(0.02, 0.3 * speed + 0.0005)
         pen.go(way, speed)
         pen.go(-way * 0.6, speed)
     pen.go(0.0, 0.03)
@@ -100,14 +100,14 @@ def training(seed: int) -> Motion:
             pen.go(pen.at_m + size, 0.006, 0.3)
             pen.go(pen.at_m - size, 0.006, 0.3)
     pen.name("multisine")
-    pen.wave(_multisine(4.0, 0.0035, rng))
+    pen.wave(_multisine(3.6, 0.0035, rng))
     lap_s = (CYCLES - pen.cycles) * DT / 2
     for _ in range(2):
         pen.name("repeat")
         end = pen.cycles + int(lap_s * RATE_HZ)
         pen.go(0.026, 0.05)
         pen.dwell(0.25)
-        pen.go(-0.026, 0.02)
+        pen.go(-0.026, 0.025)
         pen.dwell(0.25)
         pen.go(0.0, 0.05)
         pen.dwell(max(0.0, (end - pen.cycles) * DT))

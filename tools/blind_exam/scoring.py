@@ -88,7 +88,7 @@ class Share(NamedTuple):
         z, n, p = 1.959964, self.of, self.value
         middle = (p + z * z / (2 * n)) / (1 + z * z / n)
         half = z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n)
-        return max(0.0, middle - half), min(1.0, middle + half)
+        return 0.0 if not self.hits else max(0.0, middle - half), 1.0 if self.hits == n else min(1.0, middle + half)
 
     def __str__(self) -> str:
         low, high = self.interval
