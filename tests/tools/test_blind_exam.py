@@ -13,8 +13,6 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
-
-from spsp_ctrl.recording.reader import read_log
 from tools.blind_exam import catalogue, exam, logs, machine, sealing, subject, table
 from tools.blind_exam.__main__ import main
 from tools.blind_exam.case import SETS, Case, Item, build, draw, recalibration, simulate, visibility
@@ -22,6 +20,8 @@ from tools.blind_exam.ledger import Ledger
 from tools.blind_exam.physics import STEPS, I, run
 from tools.blind_exam.scoring import Share, quantile, score
 from tools.blind_exam.sensing import Climate
+
+from spsp_ctrl.recording.reader import read_log
 
 ROOT = Path(__file__).resolve().parents[2]
 NOMINAL = machine.nominal()
@@ -135,7 +135,7 @@ def test_the_logged_controller_is_replayed_to_the_bit(tmp_path: Path, resolver: 
 def test_the_training_motion_has_six_speeds_both_ways_and_equal_laps() -> None:
     record = simulate(_case(), NOMINAL, NOMINAL, "training", 21)
     rate, events = record.motion.inputs.reference_m_s, record.motion.events
-    at = dict((name, cycle) for cycle, name in reversed(events))
+    at = {name: cycle for cycle, name in reversed(events)}
     ladder = rate[at["ladder"] : at["reversals"]]
     for sign in (1, -1):
         flat = np.round(sign * ladder[1:][(np.abs(np.diff(ladder)) < 1e-9) & (sign * ladder[1:] > 1e-4)], 4)
