@@ -14,7 +14,7 @@ from tools.blind_exam.physics import NAMES, STEPS, Array, Law, run
 SETS = ("single", "multiple", "nothing", "outside", "twins", "poor")
 DETECTABLE = 1.5
 """Times its floor that a logged channel must move on held-out motion when the effect is taken away."""
-CHANNELS = {"command_a": 0, "current_a": 1, "resolver": 2, "load_m": 3}
+CHANNELS = {"command_a": 0, "current_a": 1, "resolver": 2, "load_m": 3, "screw_c": 7}
 _EASY = [s for s in SEVERITIES if s >= 0.3]
 
 

@@ -47,12 +47,11 @@ def _phase(rng: np.random.Generator) -> float:
 
 
 def _plus(field: str, key: str, moderate: float, signed: bool = False) -> Apply:
-    """``key`` of the library adds to ``field`` of the truth."""
+    """``key`` of the library is ``field`` of the truth, which grows; the answer is all of it, as the model file should hold it."""
 
     def apply(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
-        size = severity * moderate * _spread(rng) * (_sign(rng) if signed else 1.0)
-        p[getattr(I, field)] += size
-        return {key: size}
+        p[getattr(I, field)] += severity * moderate * _spread(rng) * (_sign(rng) if signed else 1.0)
+        return {key: float(p[getattr(I, field)])}
 
     return apply
 
@@ -61,21 +60,21 @@ def _coulomb(p: Array, severity: float, rng: np.random.Generator) -> dict[str, f
     size = severity * 5e-3 * _spread(rng)
     p[I.coulomb] += size
     p[I.static] += size
-    return {"coulomb": size}
+    return {"coulomb": float(p[I.coulomb])}
 
 
 def _stribeck(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
     size, speed = severity * 5e-3 * _spread(rng), 6.0 * _spread(rng)
     p[I.static] += size
     p[I.stribeck_speed] = speed
-    return {"static_excess": size, "stribeck": speed}
+    return {"excess": size, "speed": speed}
 
 
 def _asymmetry(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
     coulomb, viscous = severity * 2e-3 * _spread(rng) * _sign(rng), severity * 1e-5 * _spread(rng) * _sign(rng)
     p[I.coulomb_asymmetry] += coulomb
     p[I.viscous_asymmetry] += viscous
-    return {"coulomb_asymmetry": coulomb, "viscous_asymmetry": viscous}
+    return {"coulomb": coulomb, "viscous": viscous}
 
 
 def _presliding(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
@@ -86,7 +85,7 @@ def _presliding(p: Array, severity: float, rng: np.random.Generator) -> dict[str
 def _ripple(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
     order = float(rng.choice([1.0, 2.0, 4.0, 6.0]))
     p[I.ripple], p[I.ripple_order], p[I.ripple_phase] = severity * 3e-3 * _spread(rng), order, _phase(rng)
-    return {"amplitude": float(p[I.ripple]), "order": order, "phase": float(p[I.ripple_phase])}
+    return {"ripple": float(p[I.ripple]), "order": order, "phase": float(p[I.ripple_phase])}
 
 
 def _cogging(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
@@ -98,7 +97,7 @@ def _cogging(p: Array, severity: float, rng: np.random.Generator) -> dict[str, f
 def _constant(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
     size = float(np.clip(severity * 0.12 * _spread(rng) * _sign(rng), -0.4, 0.6))
     p[I.torque_constant] *= 1.0 + size
-    return {"motor_constant_error": size}
+    return {"kt_error": size}
 
 
 def _shrink(field: str, key: str, factor: float) -> Apply:
@@ -113,7 +112,7 @@ def _shrink(field: str, key: str, factor: float) -> Apply:
 
 def _speed_limit(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
     p[I.speed_limit] = 500.0 / (1.0 + severity * 1.5 * _spread(rng))
-    return {"speed_limit": float(p[I.speed_limit])}
+    return {"speed_ceiling": float(p[I.speed_limit])}
 
 
 def _periodic_lead(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
@@ -126,10 +125,10 @@ def _periodic_lead(p: Array, severity: float, rng: np.random.Generator) -> dict[
     return out
 
 
-def _thermal(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
-    p[I.expansion] += severity * 11.5e-6 * 0.25 * _spread(rng)
-    p[I.expansion_lag] = float(rng.uniform(1.5, 4.0))
-    return {"growth": float(p[I.expansion]), "lag": float(p[I.expansion_lag])}
+def _thermal_lag(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
+    p[I.expansion] = p[I.expansion] or 11.5e-6 * 0.25  # a lag shows on a screw that grows
+    p[I.temperature_lag] += severity * 1.0 * _spread(rng)
+    return {"thermal_lag": float(p[I.temperature_lag])}
 
 
 def _eccentricity(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
@@ -146,7 +145,7 @@ def _eccentricity(p: Array, severity: float, rng: np.random.Generator) -> dict[s
 
 def _quantisation(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
     p[I.resolver_step] = 2 * math.pi / 16384 * (1.0 + 12.0 * severity * _spread(rng))
-    return {"step": float(p[I.resolver_step])}
+    return {"res_step": float(p[I.resolver_step])}
 
 
 def _resonance(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
@@ -156,7 +155,7 @@ def _resonance(p: Array, severity: float, rng: np.random.Generator) -> dict[str,
 
 LIBRARY: dict[str, Kind] = {
     "backlash": Kind("transmission", _plus("gap", "gap", 15e-6)),
-    "axial_compliance": Kind("transmission", _plus("extra_compliance", "compliance", 1.0e-7)),
+    "axial_compliance": Kind("transmission", _plus("extra_compliance", "added_compliance", 1.0e-7)),
     "coulomb_friction": Kind("drive", _coulomb),
     "viscous_friction": Kind("drive", _plus("viscous", "viscous", 4e-5)),
     "stribeck_friction": Kind("drive", _stribeck),
@@ -167,23 +166,24 @@ LIBRARY: dict[str, Kind] = {
     "torque_ripple": Kind("drive", _ripple),
     "cogging": Kind("drive", _cogging),
     "motor_constant_error": Kind("drive", _constant),
-    "voltage_saturation": Kind("drive", _shrink("bus_voltage", "bus_voltage", 0.8)),
-    "current_saturation": Kind("drive", _shrink("current_limit", "current_limit", 3.0)),
+    "voltage_saturation": Kind("drive", _shrink("bus_voltage", "voltage_limit", 0.8)),
+    "current_saturation": Kind("drive", _shrink("current_limit", "current_ceiling", 3.0)),
     "velocity_saturation": Kind("drive", _speed_limit),
     "command_deadband": Kind("drive", _plus("deadband", "deadband", 0.06)),
-    "drive_lag": Kind("drive", _plus("extra_lag", "lag", 1.5e-3)),
-    "command_delay": Kind("drive", _plus("delay", "delay", 2e-3)),
+    "drive_lag": Kind("drive", _plus("extra_lag", "drive_lag", 1.5e-3)),
+    "command_delay": Kind("drive", _plus("delay", "command_delay", 2e-3)),
     "lead_error": Kind("transmission", _plus("slope", "slope", 5e-4, signed=True)),
     "periodic_lead_error": Kind("transmission", _periodic_lead),
-    "guide_slope": Kind("sensors", _plus("abbe", "slope", 5e-4, signed=True)),
-    "thermal_expansion": Kind("transmission", _thermal),
+    "guide_slope": Kind("sensors", _plus("abbe", "guide_slope", 5e-4, signed=True)),
+    "thermal_expansion": Kind("thermal", _plus("expansion", "growth", 11.5e-6 * 0.25)),
+    "thermal_lag": Kind("thermal", _thermal_lag),
     "zero_offset": Kind("sensors", _plus("zero", "zero_offset", 15e-6, signed=True)),
     "resolver_eccentricity": Kind("sensors", _eccentricity),
     "resolver_quantisation": Kind("sensors", _quantisation),
     "resolver_noise": Kind("sensors", _plus("resolver_noise", "noise", 3e-4)),
-    "structural_resonance": Kind("sensors", _resonance),
-    "sensor_dropout": Kind("sensors", _plus("dropout", "probability", 0.02)),
-    "clock_skew": Kind("sensors", _plus("skew", "skew", 1e-4, signed=True)),
+    "structural_resonance": Kind("mechanism", _resonance),
+    "sensor_dropout": Kind("sensors", _plus("dropout", "ruler_lost", 0.02)),
+    "clock_skew": Kind("sensors", _plus("skew", "clock_skew", 5e-3, signed=True)),
 }
 
 

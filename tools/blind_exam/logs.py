@@ -49,7 +49,7 @@ def samples(record: Record) -> Iterator[AxisSample]:
             load_m=row[3],
             load_force_n=u[2],
             load_mass_kg=u[3],
-            screw_c=u[4],
+            screw_c=row[7],
             ambient_c=u[5],
         )
 

@@ -61,7 +61,7 @@ def blank() -> Array:
     """All effects absent, numbers that must not be zero at a harmless value."""
     harmless = {
         "stribeck_speed": 6.0, "bump_width": 1e-3, "stick_width": 1e-3, "warm_time": 10.0, "crosstalk_hz": 97.0, "mode_hz": 60.0,
-        "mode_damping": 0.03, "mode2_hz": 31.0, "tiny": 1.0, "bristle": 1.5, "counts": 16384.0,
+        "mode_damping": 0.03, "mode2_hz": 31.0, "tiny": 1.0, "temperature_lag": 0.02, "temperature_offset": 1.0, "bristle": 1.5, "counts": 16384.0,
     }  # fmt: skip
     p = np.zeros(N)
     for name, value in harmless.items():

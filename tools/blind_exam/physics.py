@@ -29,9 +29,9 @@ NAMES = (
     "coulomb_asymmetry", "viscous_asymmetry", "torque_offset", "ripple", "ripple_order", "ripple_phase", "cogging", "cogging_order",
     "cogging_phase", "deadband", "delay", "extra_lag", "speed_limit",
     # transmission
-    "extra_compliance", "slope", "first", "first_phase", "second", "second_phase", "expansion", "expansion_lag",
+    "extra_compliance", "slope", "first", "first_phase", "second", "second_phase", "expansion",
     # sensors
-    "zero", "abbe", "ecc1", "ecc1_phase", "ecc2", "ecc2_phase", "resolver_noise", "resolver_step",
+    "temperature_lag", "temperature_offset", "zero", "abbe", "ecc1", "ecc1_phase", "ecc2", "ecc2_phase", "resolver_noise", "resolver_step",
     "mode_hz", "mode_damping", "mode_gain", "dropout", "skew",
     # kinds outside the library
     "drag2", "cubic", "bump", "bump_at", "bump_width", "warm", "warm_time", "mode2_hz", "mode2_gain", "crosstalk", "crosstalk_hz",
@@ -44,7 +44,7 @@ N = len(NAMES)
 
 
 class Inputs(NamedTuple):
-    """Sampled inputs of a run, one row per cycle."""
+    """Sampled inputs of a run, one row per cycle; ``screw_c`` is the screw itself, its sensor trails it."""
 
     reference_m: Array
     reference_m_s: Array
@@ -99,14 +99,14 @@ def sd_per_rad(ratio: float, p: Array, turn: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array, start_m: float, steps: int) -> Array:
-    """Simulate; returns one row per cycle: command, current, resolver counts, ruler, load position, motor angle, voltage.
+    """Simulate; returns one row per cycle: command, current, resolver counts, ruler, load position, motor angle, bus, temperature.
 
     ``u`` has the columns of :class:`Inputs`, ``noise`` four: current, resolver, ruler, bus. With ``closed`` the cascade of ``law`` makes the
     command of row k from the readings of row k, else ``given`` holds it; it acts from k to k + 1.
     """
     n = u.shape[0]
-    out = np.zeros((n, 7))
-    dt = 1.0 / 500.0
+    out = np.zeros((n, 8))
+    dt = (1.0 + p[I.skew]) / 500.0  # a cycle that lasts longer than the log says
     h = dt / steps
     ratio = p[I.lead] / (2.0 * np.pi * p[I.gear])  # m per rad of the motor
     theta, omega = start_m / ratio, 0.0
@@ -117,7 +117,7 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
     slip2 = np.zeros(4)
     q, qd = 0.0, 0.0  # structural mode
     q2, qd2 = 0.0, 0.0  # one that no library knows
-    grown = p[I.expansion] * (u[0, 4] - 20.0)
+    felt = u[0, 4]
     ruler_grown = 0.0
     worked = 0.0  # seconds of motion, for the warm-up
     count_rad = 2.0 * np.pi / p[I.counts]
@@ -137,8 +137,8 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
         if p[I.resolver_step] > 0.0:
             reading = np.round(reading / p[I.resolver_step]) * p[I.resolver_step]
         counts = np.round(reading / count_rad)
-        seen = x + q + q2 - p[I.skew] * t0 * v  # a clock that runs off reads an older position
-        ruler = seen * (1.0 + p[I.abbe]) + p[I.zero] + ruler_grown + noise[k, 2]
+        felt += (u[k, 4] - felt) * min(1.0, dt / max(p[I.temperature_lag], dt))
+        ruler = (x + q + q2) * (1.0 + p[I.abbe]) + p[I.zero] + ruler_grown + noise[k, 2]
         ruler = np.round(ruler / 2e-8) * 2e-8
         if noise[k, 5] < p[I.dropout] and k > 0:
             ruler = held_ruler
@@ -151,6 +151,7 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
             command = given[k]
         out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4], out[k, 5] = command, measured, counts, ruler, x, theta
         out[k, 6] = p[I.bus_voltage] * (1.0 - tiny * 0.002 * abs(current)) + noise[k, 3] + (0.15 * ambient_ripple if p[I.crosstalk] > 0.0 else 0.0)
+        out[k, 7] = felt + p[I.temperature_offset] + noise[k, 6]
         pending[k % 64] = command
         whole = int(p[I.delay] / dt)
         part = p[I.delay] - whole * dt
@@ -158,8 +159,7 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
             t = step * h
             back = k - whole - (1 if t < part else 0)
             asked = pending[back % 64] if back >= 0 else 0.0
-            if abs(asked) < p[I.deadband]:
-                asked = 0.0
+            asked = max(asked - p[I.deadband], 0.0) + min(asked + p[I.deadband], 0.0)
             if p[I.speed_limit] > 0.0:  # a drive that limits speed takes the torque back above it
                 over = abs(omega) - p[I.speed_limit]
                 if over > 0.0 and asked * omega > 0.0:
@@ -180,17 +180,11 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
             theta += 0.5 * h * omega
             x_before = x
             x += 0.5 * h * v
-            # thermal field of the screw behind its sensor
-            target = p[I.expansion] * (u[k, 4] - 20.0 + 0.3 * tiny)
-            if p[I.expansion_lag] > 0.0:
-                grown += (target - grown) * h / p[I.expansion_lag]
-            else:
-                grown = target
             if p[I.ruler_time] > 0.0:
                 ruler_grown += (p[I.ruler_expansion] * (u[k, 5] - 20.0) * x - ruler_grown) * h / p[I.ruler_time]
             # screw
             turn = theta / p[I.gear]
-            s = ratio * theta * (1.0 + p[I.slope]) + p[I.cubic] * (ratio * theta) ** 3 + grown
+            s = ratio * theta * (1.0 + p[I.slope]) + p[I.cubic] * (ratio * theta) ** 3 + p[I.expansion] * (u[k, 4] - 20.0)
             s += p[I.first] * np.sin(turn + p[I.first_phase]) + p[I.second] * np.sin(2.0 * turn + p[I.second_phase])
             s += tiny * 4e-8 * np.sin(3.0 * turn + 0.7)
             sd = ratio * omega * (1.0 + p[I.slope])

@@ -8,7 +8,7 @@ import numpy as np
 
 from tools.blind_exam.physics import Array
 
-CURRENT_A, RESOLVER_RAD, RULER_M, BUS_V = 5e-3, 8.7e-5, 5e-8, 0.02
+CURRENT_A, RESOLVER_RAD, RULER_M, BUS_V, SCREW_K = 5e-3, 8.7e-5, 5e-8, 0.02, 0.02
 
 
 class Climate(NamedTuple):
@@ -22,8 +22,8 @@ class Climate(NamedTuple):
 
 
 def draw(cycles: int, climate: Climate, rng: np.random.Generator) -> Array:
-    """Columns: current A, resolver rad, ruler m, bus V, unit normal (for resolver noise), unit uniform (for dropouts)."""
-    noise = rng.standard_normal((cycles, 6))
+    """Columns: current A, resolver rad, ruler m, bus V, unit normal (for resolver noise), unit uniform (for dropouts), screw temperature K."""
+    noise = rng.standard_normal((cycles, 7))
     if climate.colour > 0.0:
         a = climate.colour
         for column in range(4):
@@ -36,4 +36,5 @@ def draw(cycles: int, climate: Climate, rng: np.random.Generator) -> Array:
             noise[rng.random(cycles) < climate.outliers, column] *= 10.0
     noise[:, :4] *= climate.gain * np.array([CURRENT_A, RESOLVER_RAD, RULER_M, BUS_V])
     noise[:, 5] = rng.random(cycles)
+    noise[:, 6] *= SCREW_K
     return noise
