@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.config.units import UNITS, spellings
+from spsp_ctrl.plant.axis_model import ACTUATOR_KEYS, AXIS_EFFECTS, AXIS_KEYS, BARE_ACTUATOR_KEYS, AxisFile
 from spsp_ctrl.plant.effects import EFFECTS, Effect, Parameter
 from spsp_ctrl.plant.layout import AXIS_BASE, GLOBAL_BASE
 from spsp_ctrl.plant.model import ModelFile, effect_keys, key
@@ -83,13 +84,30 @@ def plant_model_schema() -> Schema:
     for side in ("pitch_actuator", "roll_actuator"):
         properties[side] = _section(axis, properties[side]["description"], complete=False)
     properties["rig"] = _section(rig, properties["rig"]["description"], complete=True)
-    entry = schema["$defs"]["EffectEntry"]
+    _list_effects(schema["$defs"]["EffectEntry"], [effect for effect in EFFECTS if effect.kind != "axis"])
+    return schema
+
+
+def axis_model_schema() -> Schema:
+    """Schema of the model file of a single axis."""
+    schema = model_class_schema(AxisFile)
+    properties = schema["properties"]
+    drive = properties["actuator"]["description"]
+    full = _section(ACTUATOR_KEYS.items(), drive, complete=True)
+    bare = _section(BARE_ACTUATOR_KEYS.items(), drive, complete=False) | {"required": ["force_per_command"]}
+    properties["actuator"] = {"description": drive, "anyOf": [full, bare]}
+    properties["axis"] = _section(AXIS_KEYS.items(), properties["axis"]["description"], complete=False) | {"required": ["moving_mass"]}
+    _list_effects(schema["$defs"]["AxisEffect"], AXIS_EFFECTS)
+    return schema
+
+
+def _list_effects(entry: Schema, effects: Iterable[Effect]) -> None:
+    listed = tuple(effects)
     entry["properties"]["effect"] = {
         "description": "Standard name of the effect.",
-        "oneOf": [{"const": effect.name, "description": effect.doc} for effect in EFFECTS],
+        "oneOf": [{"const": effect.name, "description": effect.doc} for effect in listed],
     }
-    entry["allOf"] = [_effect(effect) for effect in EFFECTS]
-    return schema
+    entry["allOf"] = [_effect(effect) for effect in listed]
 
 
 def schemas() -> dict[str, str]:
@@ -98,6 +116,7 @@ def schemas() -> dict[str, str]:
         "rig.schema.json": model_class_schema(RigConfig),
         "scenario.schema.json": model_class_schema(Scenario),
         "model.schema.json": plant_model_schema(),
+        "axis.schema.json": axis_model_schema(),
     }
     return {name: json.dumps(schema, indent=1, ensure_ascii=False) + "\n" for name, schema in found.items()}
 

@@ -14,7 +14,8 @@ from tools import make_schemas
 from spsp_ctrl.config.loader import _construct
 
 CONFIG = Path(__file__).parents[2] / "config"
-KIND = {"rig": "rig.schema.json", "scenario": "scenario.schema.json", "model": "model.schema.json"}
+KIND = {"rig": "rig.schema.json", "scenario": "scenario.schema.json", "model": "model.schema.json", "axis": "axis.schema.json"}
+"""Schema by the kind of file; a model file of ``kind: axis`` has its own."""
 FILES = [
     path
     for path in sorted(CONFIG.rglob("*.yaml"))
@@ -26,8 +27,13 @@ def data(path: Path, text: str | None = None) -> Any:
     return _construct(path, text if text is not None else path.read_text(encoding="utf-8"))[0]
 
 
+def schema_of(path: Path) -> str:
+    content = data(path)
+    return KIND["axis" if content.get("kind") == "axis" else content["schema"].split("/")[1]]
+
+
 def validator(path: Path) -> jsonschema.Draft202012Validator:
-    name = KIND[data(path)["schema"].split("/")[1]]
+    name = schema_of(path)
     return jsonschema.Draft202012Validator(json.loads((CONFIG / "schema" / name).read_text(encoding="utf-8")))
 
 
@@ -45,7 +51,7 @@ def test_shipped_file_is_valid_and_names_its_schema(path: Path) -> None:
     first = path.read_text(encoding="utf-8").splitlines()[0]
     assert first.startswith("# yaml-language-server: $schema=")
     named = path.parent / first.split("=", 1)[1]
-    assert named.resolve() == (CONFIG / "schema" / KIND[data(path)["schema"].split("/")[1]]).resolve()
+    assert named.resolve() == (CONFIG / "schema" / schema_of(path)).resolve()
 
 
 @pytest.mark.parametrize(

@@ -105,6 +105,7 @@ class PushRodBench:
                 p[pb + A.res_second_phase_rad],
                 noise,
                 p[pb + A.resolver_counts],
+                p[pb + A.res_step_rad],
             )
         )
 

@@ -14,7 +14,7 @@ from spsp_ctrl.plant.compile import compiled, entry
 from spsp_ctrl.plant.effects.imu_error import quantise
 from spsp_ctrl.plant.layout import N_AXIS_PARAMETERS, N_AXIS_STATE, A, C, G, O, S, U, W, X
 from spsp_ctrl.plant.stages.azimuth import azimuth_step
-from spsp_ctrl.plant.stages.drive import drive_step
+from spsp_ctrl.plant.stages.drive import command_path, drive_step, take_command
 from spsp_ctrl.plant.stages.mechanism import mechanism_step, prepare
 from spsp_ctrl.plant.stages.sensors import attitude_step, axis_sensors, azimuth_sensors, imu_sample
 from spsp_ctrl.plant.stages.thermal import thermal_step
@@ -45,6 +45,8 @@ def cycle(
     enable = command[C.enable]
     force_pitch = 0.0
     force_roll = 0.0
+    take_command(x, 0, p, 0, command[C.pitch_current], command[C.pitch_speed])
+    take_command(x, x1, p, p1, command[C.roll_current], command[C.roll_speed])
     for i in range(substeps):
         pitch, roll = x[S.pitch], x[S.roll]
         l1, l2 = rod_lengths(pitch, roll, height, upper, lower)
@@ -58,12 +60,10 @@ def cycle(
         force_roll = rod_force(t2, g2 * x[x1 + X.speed], rod2, rod2_rate, p, p1)
         push1 = force_pitch + stop_force(rod1, rod1_rate, p, 0) + u0[U.rod_force_pitch]
         push2 = force_roll + stop_force(rod2, rod2_rate, p, p1) + u0[U.rod_force_roll]
-        heat_pitch += drive_step(
-            x, 0, p, 0, enable, command[C.pitch_velocity], command[C.pitch_current], command[C.pitch_speed], force_pitch, g1, dt
-        )
-        heat_roll += drive_step(
-            x, x1, p, p1, enable, command[C.roll_velocity], command[C.roll_current], command[C.roll_speed], force_roll, g2, dt
-        )
+        current, speed = command_path(x, 0, p, 0, command[C.pitch_current], command[C.pitch_speed], i * dt, dt, period)
+        heat_pitch += drive_step(x, 0, p, 0, enable, command[C.pitch_velocity], current, speed, force_pitch, g1, dt)
+        current, speed = command_path(x, x1, p, p1, command[C.roll_current], command[C.roll_speed], i * dt, dt, period)
+        heat_roll += drive_step(x, x1, p, p1, enable, command[C.roll_velocity], current, speed, force_roll, g2, dt)
         torque_azimuth = azimuth_step(x, p, enable, command[C.azimuth_rate], dt)
         fraction = (i + 0.5) / substeps
         mechanism_step(x, p, u0, u1, fraction, w, push1 * j11 + push2 * j21, push2 * j22, torque_azimuth, dt)

@@ -12,6 +12,7 @@ from typing import Any
 from spsp_ctrl.messages import Truth
 from spsp_ctrl.plant.effects import EFFECTS
 from spsp_ctrl.plant.effects.base import Parameter
+from spsp_ctrl.plant.effects.command_delay import HISTORY
 
 AXES = ("pitch", "roll")
 
@@ -79,7 +80,7 @@ GLOBAL_BASE: tuple[Parameter, ...] = (
 )
 
 AXIS_PARAMETERS = AXIS_BASE + tuple(q for e in EFFECTS if e.per_axis for q in e.parameters)
-GLOBAL_PARAMETERS = GLOBAL_BASE + tuple(q for e in EFFECTS if not e.per_axis for q in e.parameters)
+GLOBAL_PARAMETERS = GLOBAL_BASE + tuple(q for e in EFFECTS if not e.per_axis and e.kind != "axis" for q in e.parameters)
 
 
 def _indices(type_name: str, names: tuple[str, ...], start: int = 0) -> Any:
@@ -91,6 +92,18 @@ A: Any = _indices("AxisParameter", tuple(q.name for q in AXIS_PARAMETERS))
 G: Any = _indices("GlobalParameter", tuple(q.name for q in GLOBAL_PARAMETERS), 2 * N_AXIS_PARAMETERS)
 N_PARAMETERS = 2 * N_AXIS_PARAMETERS + len(GLOBAL_PARAMETERS)
 
+# ---- a single axis: the parameters above (its actuator is the first), then its own ---------------------------------------
+LOAD_BASE: tuple[Parameter, ...] = (
+    Parameter("moving_mass_kg", "kg", 1e-3, 1e5, "carriage and what moves with it, without the known added mass"),
+    Parameter("ruler_step_m", "m", 0.0, 1e-3, "resolution of the ruler"),
+    Parameter("ruler_noise_m", "m", 0.0, 1e-3, "noise of the ruler, standard deviation"),
+)
+LOAD_SWITCHES = ("rigid", "loop", "kp_1_s", "kv", "feedforward", "limit", "rate_span")
+"""Set by the kind of model and its controller: screw and load move as one; loop 0 none, 1 on the ruler, 2 on the resolver; its gains."""
+LOAD_EFFECTS: tuple[Parameter, ...] = tuple(q for e in EFFECTS if not e.per_axis and e.kind == "axis" for q in e.parameters)
+L: Any = _indices("LoadParameter", (*(q.name for q in LOAD_BASE + LOAD_EFFECTS), *LOAD_SWITCHES), N_PARAMETERS)
+N_LOAD_MODEL = N_PARAMETERS + len(L)
+
 # ---- state ---------------------------------------------------------------------------------------------------------------
 AXIS_STATE: tuple[tuple[str, str, str], ...] = (
     ("current", "A", "motor current"),
@@ -99,6 +112,10 @@ AXIS_STATE: tuple[tuple[str, str, str], ...] = (
     ("bristle", "rad", "LuGre bristle of the motor-side friction"),
     ("drive_integral", "A", "integral of the drive's own speed loop (velocity mode)"),
     ("screw_temperature", "degC", "screw temperature"),
+    ("lag_current", "A", "current command after the drive lag"),
+    ("lag_speed", "rad/s", "speed command after the drive lag"),
+    *((f"past_current_{i}", "A", f"current command of {i} cycles ago (command delay)") for i in range(HISTORY)),
+    *((f"past_speed_{i}", "rad/s", f"speed command of {i} cycles ago") for i in range(HISTORY)),
 )
 RIG_STATE: tuple[tuple[str, str, str], ...] = (
     ("azimuth", "rad", "azimuth joint"),
@@ -138,6 +155,20 @@ N_AXIS_STATE = len(AXIS_STATE)
 X: Any = _indices("AxisState", tuple(s[0] for s in AXIS_STATE))
 S: Any = _indices("RigState", tuple(s[0] for s in RIG_STATE), 2 * N_AXIS_STATE)
 N_STATE = 2 * N_AXIS_STATE + len(RIG_STATE)
+
+LOAD_STATE: tuple[tuple[str, str, str], ...] = (
+    ("travel", "m", "load"),
+    ("rate", "m/s", "its rate"),
+    ("guide", "m", "bristle of the guide friction"),
+    ("mode", "m", "structural mode"),
+    ("mode_rate", "m/s", "its rate"),
+    ("held_resolver", "rad", "last resolver reading that arrived"),
+    ("held_ruler", "m", "last ruler reading that arrived"),
+    *((f"position_{i}", "m", f"position that the cascade read {i} cycles ago") for i in range(1, 5)),
+)
+Y: Any = _indices("LoadState", tuple(s[0] for s in LOAD_STATE), N_AXIS_STATE)
+N_LOAD_STATE = N_AXIS_STATE + len(LOAD_STATE)
+"""A single axis: the numbers of its actuator, then its own."""
 
 # ---- inputs of one control instant ---------------------------------------------------------------------------------------
 N_BASE = 18

@@ -121,7 +121,7 @@ def _entries(file: ModelFile) -> Iterator[tuple[Location, dict[str, Parameter], 
         yield ("rig", name), _GLOBAL_KEYS, False, "both", name, quantity
     for i, entry in enumerate(file.effects):
         effect = BY_NAME.get(entry.effect)
-        if effect is not None:
+        if effect is not None and effect.kind != "axis":
             keys = effect_keys(effect)
             for name, quantity in entry.parameters.items():
                 yield ("effects", i, "parameters", name), keys, effect.per_axis, entry.axis, name, quantity
@@ -138,7 +138,8 @@ def _assignments(file: ModelFile) -> Iterator[tuple[int, Parameter, Quantity]]:
             yield index, keys[name], quantity
 
 
-def _nearest(word: str, known: list[str]) -> str:
+def nearest(word: str, known: list[str]) -> str:
+    """The end of a complaint about an unknown name: the nearest right one, or all."""
     match = difflib.get_close_matches(word, known, n=1)
     return f"; did you mean {match[0]!r}?" if match else f"; known here: {', '.join(known)}"
 
@@ -147,11 +148,13 @@ def check(file: ModelFile) -> Iterator[tuple[Location, str]]:
     """Everything that is wrong with a model beyond its form: place and text."""
     for i, entry in enumerate(file.effects):
         if entry.effect not in BY_NAME:
-            yield ("effects", i, "effect"), f"unknown effect {entry.effect!r}" + _nearest(entry.effect, list(BY_NAME))
+            yield ("effects", i, "effect"), f"unknown effect {entry.effect!r}" + nearest(entry.effect, list(BY_NAME))
+        elif BY_NAME[entry.effect].kind == "axis":
+            yield ("effects", i, "effect"), f"effect {entry.effect!r} acts on a single axis, not on a platform"
     seen: dict[int, Location] = {}
     for place, keys, per_axis, axis, name, quantity in _entries(file):
         if name not in keys:
-            yield place, f"unknown parameter {name!r}" + _nearest(name, list(keys))
+            yield place, f"unknown parameter {name!r}" + nearest(name, list(keys))
             continue
         parameter = keys[name]
         unit = UNITS.get(quantity.unit)

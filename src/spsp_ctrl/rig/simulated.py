@@ -49,7 +49,8 @@ class SimulatedRig:
         self._config = config
         self._plant = VirtualPlant(model, scenario, config.rate_hz, seed)
         self._period_ns = round(1e9 / config.rate_hz)
-        self._imu_delay_ns = round(float(self._plant.parameters[G.imu_delay_s]) * 1e9)
+        parameters = self._plant.parameters
+        self._imu_delay_ns = round(float(parameters[G.imu_delay_s] + parameters[G.imu_added_delay_s]) * 1e9)
         self._azimuth_every = max(1, round(config.rate_hz / config.azimuth.rate_hz))
         self._temperature_every = max(1, config.rate_hz // TEMPERATURE_HZ)
         self._temperature_error_c = scenario.temperature.sensor_error_c

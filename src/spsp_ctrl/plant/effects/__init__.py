@@ -3,20 +3,43 @@
 from __future__ import annotations
 
 from spsp_ctrl.plant.effects import (
+    axial_compliance,
     azimuth_backlash,
     azimuth_friction,
     backlash,
+    clock_skew,
     cogging,
+    command_deadband,
+    command_delay,
+    current_saturation,
+    drive_lag,
+    friction_asymmetry,
     geometric_error,
+    guide_friction,
+    guide_slope,
     hinge_friction,
+    imu_delay,
     imu_error,
+    imu_lag,
+    imu_scale,
     lead_error,
+    motor_constant_error,
     motor_friction,
     resolver_error,
+    resolver_quantisation,
+    sensor_dropout,
+    sentinel,
+    stribeck_friction,
+    structural_resonance,
     structure_expansion,
     thermal_expansion,
+    thermal_lag,
+    torque_offset,
+    torque_ripple,
+    velocity_saturation,
+    voltage_saturation,
 )
-from spsp_ctrl.plant.effects.base import Effect, Parameter, Stage
+from spsp_ctrl.plant.effects.base import Effect, Free, Hypothesis, Parameter, Stage
 
 EFFECTS: tuple[Effect, ...] = (
     motor_friction.EFFECT,
@@ -36,8 +59,35 @@ EFFECTS: tuple[Effect, ...] = (
     imu_error.DRIFT,
     imu_error.MISALIGNMENT,
     imu_error.LEVELLING,
+    motor_constant_error.EFFECT,
+    torque_offset.EFFECT,
+    torque_ripple.EFFECT,
+    stribeck_friction.EFFECT,
+    friction_asymmetry.EFFECT,
+    command_deadband.EFFECT,
+    drive_lag.EFFECT,
+    command_delay.EFFECT,
+    current_saturation.EFFECT,
+    voltage_saturation.EFFECT,
+    velocity_saturation.EFFECT,
+    axial_compliance.EFFECT,
+    resolver_quantisation.EFFECT,
+    imu_scale.EFFECT,
+    imu_lag.EFFECT,
+    imu_delay.EFFECT,
+    guide_friction.EFFECT,
+    guide_slope.EFFECT,
+    thermal_lag.EFFECT,
+    structural_resonance.EFFECT,
+    sensor_dropout.EFFECT,
+    clock_skew.EFFECT,
+    sentinel.RIPPLE,
+    sentinel.PARITY,
 )
 
 BY_NAME: dict[str, Effect] = {effect.name: effect for effect in EFFECTS}
 
-__all__ = ["BY_NAME", "EFFECTS", "Effect", "Parameter", "Stage"]
+HYPOTHESES: dict[str, Hypothesis] = {h.name: h for effect in EFFECTS for h in effect.hypotheses}
+"""Every name that a diagnosis may give."""
+
+__all__ = ["BY_NAME", "EFFECTS", "HYPOTHESES", "Effect", "Free", "Hypothesis", "Parameter", "Stage"]

@@ -10,4 +10,5 @@ EFFECT = Effect(
     doc="Play between pinion and large gear, as angle of the large gear.",
     parameters=(Parameter("az_gap_rad", "rad", 0.0, 0.1, "total play at the platform"),),
     per_axis=False,
+    kind="platform",
 )

@@ -18,4 +18,5 @@ EFFECT = Effect(
         Parameter("az_viscous_nm_s", "N m s/rad", 0.0, 1e3, "viscous coefficient"),
     ),
     per_axis=False,
+    kind="platform",
 )

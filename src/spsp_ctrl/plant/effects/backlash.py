@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from spsp_ctrl.plant.effects.base import Effect, Parameter, stage
+from spsp_ctrl.plant.effects.base import Effect, Free, Hypothesis, Parameter, stage
 
 EFFECT = Effect(
     name="backlash",
     stage="transmission",
     doc="Total play between motor and rod, as travel of the rod.",
     parameters=(Parameter("gap_m", "m", 0.0, 5e-3, "total play at the rod"),),
+    hypotheses=(
+        Hypothesis(
+            name="backlash",
+            free=(Free("gap_m", 0.0, 1e-3, (3e-6, 1.5e-5, 6e-5)),),
+            channels=("ruler", "current"),
+            regimes=("reversal",),
+            twins=("axial_compliance", "presliding"),
+            source="gap between elastic walls: Nordin and Gutman, Automatica 38 (2002)",
+        ),
+    ),
 )
 
 

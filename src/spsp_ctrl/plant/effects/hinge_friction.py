@@ -17,4 +17,5 @@ EFFECT = Effect(
         Parameter("hf_bristle_damping_nm_s", "N m s/rad", 0.0, 1e4, "presliding damping"),
         Parameter("hf_viscous_nm_s", "N m s/rad", 0.0, 1e3, "viscous coefficient"),
     ),
+    kind="platform",
 )

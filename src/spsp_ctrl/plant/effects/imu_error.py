@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import floor
 
-from spsp_ctrl.plant.effects.base import Effect, Parameter, stage
+from spsp_ctrl.plant.effects.base import Effect, Free, Hypothesis, Parameter, stage
 
 NOISE = Effect(
     name="imu_noise",
@@ -17,6 +17,7 @@ NOISE = Effect(
         Parameter("gyro_step_rad_s", "rad/s", 0.0, 1.0, "gyro quantisation step"),
     ),
     per_axis=False,
+    kind="platform",
 )
 
 BIAS = Effect(
@@ -32,6 +33,17 @@ BIAS = Effect(
         Parameter("gyro_bias_z_rad_s", "rad/s", -0.1, 0.1, "gyro bias"),
     ),
     per_axis=False,
+    kind="platform",
+    hypotheses=(
+        Hypothesis(
+            name="imu_bias",
+            free=tuple(Free(name, -0.05, 0.05, (-3e-4, 3e-4)) for name in ("imu_roll_bias_rad", "imu_pitch_bias_rad")),
+            channels=("imu",),
+            regimes=("always",),
+            twins=("zero_offset", "imu_misalignment"),
+            source="constant bias: IEEE Std 952",
+        ),
+    ),
 )
 
 DRIFT = Effect(
@@ -45,6 +57,7 @@ DRIFT = Effect(
         Parameter("imu_yaw_drift_rad_s", "rad/s", -0.01, 0.01, "heading drift rate"),
     ),
     per_axis=False,
+    kind="platform",
 )
 
 MISALIGNMENT = Effect(
@@ -57,6 +70,17 @@ MISALIGNMENT = Effect(
         Parameter("imu_mount_z_rad", "rad", -0.2, 0.2, "rotation about platform z"),
     ),
     per_axis=False,
+    kind="platform",
+    hypotheses=(
+        Hypothesis(
+            name="imu_misalignment",
+            free=tuple(Free(f"imu_mount_{c}_rad", -0.1, 0.1, (-1e-3, 1e-3)) for c in "xyz"),
+            channels=("imu",),
+            regimes=("position",),
+            twins=("imu_bias", "imu_scale"),
+            source="small rotation",
+        ),
+    ),
 )
 
 LEVELLING = Effect(
@@ -65,6 +89,7 @@ LEVELLING = Effect(
     doc="Horizontal acceleration leaks into the vertical: apparent tilt through a first-order levelling loop.",
     parameters=(Parameter("imu_levelling_time_s", "s", 0.0, 1e6, "time constant of the levelling loop"),),
     per_axis=False,
+    kind="platform",
 )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import cos, sin
 
-from spsp_ctrl.plant.effects.base import Effect, Parameter, stage
+from spsp_ctrl.plant.effects.base import Effect, Free, Hypothesis, Parameter, stage
 
 EFFECT = Effect(
     name="lead_error",
@@ -17,6 +17,29 @@ EFFECT = Effect(
         Parameter("lead_first_phase_rad", "rad", -7.0, 7.0, "its phase"),
         Parameter("lead_second_m", "m", 0.0, 1e-3, "amplitude twice per screw turn"),
         Parameter("lead_second_phase_rad", "rad", -7.0, 7.0, "its phase"),
+    ),
+    hypotheses=(
+        Hypothesis(
+            name="lead_error",
+            free=(Free("lead_slope", -5e-3, 5e-3, (-3e-4, 3e-4)),),
+            channels=("ruler", "imu"),
+            regimes=("position",),
+            twins=("guide_slope", "thermal_expansion"),
+            source="cumulative lead deviation: ISO 3408-3",
+        ),
+        Hypothesis(
+            name="periodic_lead_error",
+            free=(
+                Free("lead_first_m", 0.0, 1e-4, (2e-6, 1e-5)),
+                Free("lead_first_phase_rad", -7.0, 7.0, (0.0, 1.57, 3.14, -1.57), nuisance=True),
+                Free("lead_second_m", 0.0, 1e-4, (1e-6,)),
+                Free("lead_second_phase_rad", -7.0, 7.0, (0.0, 1.57), nuisance=True),
+            ),
+            channels=("ruler", "imu"),
+            regimes=("screw_phase",),
+            twins=("resolver_eccentricity",),
+            source="lead deviation within one turn: ISO 3408-3",
+        ),
     ),
 )
 

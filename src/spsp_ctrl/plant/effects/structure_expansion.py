@@ -13,4 +13,5 @@ EFFECT = Effect(
         Parameter("frame_expansion_1_k", "1/K", -1e-4, 1e-4, "expansion coefficient of platform and base plate"),
     ),
     per_axis=False,
+    kind="platform",
 )

@@ -74,12 +74,12 @@ def attitude_step(x: Array, p: Array, u: Array, out: Array, initialise: float, d
         yaw -= 2.0 * pi
     while yaw - x[S.in_yaw] < -pi:
         yaw += 2.0 * pi
-    tau = p[G.imu_attitude_lag_s]
+    tau = p[G.imu_attitude_lag_s] + p[G.imu_added_lag_s]
     x[S.lag_roll] = lag_step(x[S.lag_roll], x[S.in_roll], imu_roll, tau, dt)
     x[S.lag_pitch] = lag_step(x[S.lag_pitch], x[S.in_pitch], imu_pitch, tau, dt)
     x[S.lag_yaw] = lag_step(x[S.lag_yaw], x[S.in_yaw], yaw, tau, dt)
     x[S.in_roll], x[S.in_pitch], x[S.in_yaw] = imu_roll, imu_pitch, yaw
-    tau = p[G.imu_gyro_lag_s]
+    tau = p[G.imu_gyro_lag_s] + p[G.imu_added_lag_s]
     x[S.lag_gyro_x] = lag_step(x[S.lag_gyro_x], x[S.in_gyro_x], wx, tau, dt)
     x[S.lag_gyro_y] = lag_step(x[S.lag_gyro_y], x[S.in_gyro_y], wy, tau, dt)
     x[S.lag_gyro_z] = lag_step(x[S.lag_gyro_z], x[S.in_gyro_z], wz, tau, dt)
@@ -110,8 +110,9 @@ def imu_sample(x: Array, p: Array, u: Array, out: Array) -> None:
         x[S.drift_pitch] = a * x[S.drift_pitch] + b * u[U.noise_drift_pitch]
     x[S.drift_yaw] += p[G.imu_yaw_drift_rad_s] * dt + p[G.imu_yaw_walk_rad_sqrt_s] * sqrt(dt) * u[U.noise_drift_yaw]
     noise, step = p[G.imu_noise_rad], p[G.imu_step_rad]
-    roll = x[S.lag_roll] + p[G.imu_roll_bias_rad] + x[S.drift_roll] + x[S.level_roll] + noise * u[U.noise_imu_roll]
-    pitch = x[S.lag_pitch] + p[G.imu_pitch_bias_rad] + x[S.drift_pitch] + x[S.level_pitch] + noise * u[U.noise_imu_pitch]
+    roll_scale, pitch_scale, gyro_scale = 1.0 + p[G.imu_roll_scale], 1.0 + p[G.imu_pitch_scale], 1.0 + p[G.gyro_scale]
+    roll = roll_scale * x[S.lag_roll] + p[G.imu_roll_bias_rad] + x[S.drift_roll] + x[S.level_roll] + noise * u[U.noise_imu_roll]
+    pitch = pitch_scale * x[S.lag_pitch] + p[G.imu_pitch_bias_rad] + x[S.drift_pitch] + x[S.level_pitch] + noise * u[U.noise_imu_pitch]
     yaw = x[S.lag_yaw] + p[G.imu_yaw_bias_rad] + x[S.drift_yaw] + noise * u[U.noise_imu_yaw]
     while yaw > pi:
         yaw -= 2.0 * pi
@@ -121,9 +122,9 @@ def imu_sample(x: Array, p: Array, u: Array, out: Array) -> None:
     out[O.imu_pitch] = quantise(pitch, step)
     out[O.imu_yaw] = quantise(yaw, step)
     noise, step = p[G.gyro_noise_rad_s], p[G.gyro_step_rad_s]
-    out[O.gyro_x] = quantise(x[S.lag_gyro_x] + p[G.gyro_bias_x_rad_s] + noise * u[U.noise_gyro_x], step)
-    out[O.gyro_y] = quantise(x[S.lag_gyro_y] + p[G.gyro_bias_y_rad_s] + noise * u[U.noise_gyro_y], step)
-    out[O.gyro_z] = quantise(x[S.lag_gyro_z] + p[G.gyro_bias_z_rad_s] + noise * u[U.noise_gyro_z], step)
+    out[O.gyro_x] = quantise(gyro_scale * x[S.lag_gyro_x] + p[G.gyro_bias_x_rad_s] + noise * u[U.noise_gyro_x], step)
+    out[O.gyro_y] = quantise(gyro_scale * x[S.lag_gyro_y] + p[G.gyro_bias_y_rad_s] + noise * u[U.noise_gyro_y], step)
+    out[O.gyro_z] = quantise(gyro_scale * x[S.lag_gyro_z] + p[G.gyro_bias_z_rad_s] + noise * u[U.noise_gyro_z], step)
 
 
 @stage
@@ -139,6 +140,7 @@ def axis_sensors(x: Array, p: Array, u: Array, axis: int, out: Array) -> None:
         p[pb + A.res_second_phase_rad],
         p[pb + A.res_noise_rad] * u[U.noise_resolver_pitch + axis],
         p[pb + A.resolver_counts],
+        p[pb + A.res_step_rad],
     )
     out[O.measured_current_pitch + axis] = x[xb + X.current] + p[pb + A.current_noise_a] * u[U.noise_current_pitch + axis]
     out[O.bus_voltage_pitch + axis] = p[pb + A.bus_voltage_v]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import pi
 
 from spsp_ctrl.plant.arrays import Array
+from spsp_ctrl.plant.effects.axial_compliance import softened
 from spsp_ctrl.plant.effects.backlash import contact_force
 from spsp_ctrl.plant.effects.base import stage
 from spsp_ctrl.plant.effects.lead_error import screw_travel
@@ -41,7 +42,7 @@ def rod_force(travel: float, travel_rate: float, rod: float, rod_rate: float, p:
         travel - rod,
         travel_rate - rod_rate,
         p[pb + A.gap_m],
-        p[pb + A.axial_stiffness_n_m],
+        softened(p[pb + A.axial_stiffness_n_m], p[pb + A.added_compliance_m_n]),
         p[pb + A.contact_damping_n_s_m],
     )
 
