@@ -62,7 +62,7 @@ def test_a_machine_at_rest_stays_there_and_a_load_within_friction_does_not_move_
     still = np.zeros((2000, 6))
     still[:, 4:] = 20.0
     still[500:, 2] = 10.0
-    rows = run(NOMINAL, law, False, np.zeros(2000), still, np.zeros((2000, 7)), 0.0, STEPS)
+    rows = run(NOMINAL, law, False, np.zeros(2000), still, np.zeros((2000, 6)), 0.0, STEPS)
     assert np.max(np.abs(rows[:500, 5])) < 1e-4  # the thermal offset and the small ripple lean on the bristles
     assert 1e-4 < np.max(np.abs(rows[:, 5])) < 0.05  # bristles give, the screw does not turn
     assert np.max(np.abs(rows[:, 4])) < NOMINAL[I.gap] + 2e-5
@@ -286,10 +286,6 @@ def test_the_ledger_resumes_after_a_torn_line_and_pools_one_commit(tmp_path: Pat
     assert not again.has("b", "y", "s")
 
 
-def _model(tmp_path: Path) -> Path:
-    return machine.MODEL if machine.MODEL.exists() else machine.PLATFORM
-
-
 def test_the_answer_is_published_before_the_program_runs_and_a_crash_stays_in_the_share(tmp_path: Path) -> None:
     seen: list[bool] = []
 
@@ -299,7 +295,7 @@ def test_the_answer_is_published_before_the_program_runs_and_a_crash_stays_in_th
         assert all(Path(words[i]).exists() for i in (4, 6, 8))
         return subject.Ran(5, 1.0, "internal error")
 
-    row = exam.run_case("single", 2, 0, exam.Settings(_model(tmp_path), tmp_path), crash)
+    row = exam.run_case("single", 2, 0, exam.Settings(machine.MODEL, tmp_path), crash)
     assert seen == [True]
     assert row["failed"] == "internal error"
     assert not row["first_right"]
@@ -312,7 +308,7 @@ def test_a_right_diagnosis_of_a_fixed_draw_is_scored_as_one(tmp_path: Path) -> N
 
     def knows(words: list[str]) -> subject.Ran:
         group, seed, index = Path(words[4]).parent.name.split("-")
-        nominal = machine.nominal(_model(tmp_path))
+        nominal = machine.nominal(machine.MODEL)
         hidden = build(draw(group, int(seed), int(index)), nominal)[1]
         named = [_name(h.effect, h.stage, **{k: (v, "1", 1e-9) for k, v in h.values.items()}) for h in hidden]
         out = Path(words[words.index("--out") + 1])
@@ -320,7 +316,7 @@ def test_a_right_diagnosis_of_a_fixed_draw_is_scored_as_one(tmp_path: Path) -> N
         (out / "diagnosis.json").write_text(json.dumps({"verdict": "explained", "named": named, "unexplained": [], "gap_closed": {"load": 1.0}}))
         return subject.Ran(0, 2.0, "")
 
-    settings = exam.Settings(_model(tmp_path), tmp_path)
+    settings = exam.Settings(machine.MODEL, tmp_path)
     rows = [exam.run_case(group, 1, index, settings, knows) for group, index in (("single", 0), ("multiple", 0), ("nothing", 1))]
     assert all(table.good(row) for row in rows)
     text = table.text(rows)

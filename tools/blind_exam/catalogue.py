@@ -126,7 +126,6 @@ def _periodic_lead(p: Array, severity: float, rng: np.random.Generator) -> dict[
 
 
 def _thermal_lag(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
-    p[I.expansion] = p[I.expansion] or 11.5e-6 * 0.25  # a lag shows on a screw that grows
     p[I.temperature_lag] += severity * 1.0 * _spread(rng)
     return {"thermal_lag": float(p[I.temperature_lag])}
 
@@ -175,9 +174,9 @@ LIBRARY: dict[str, Kind] = {
     "lead_error": Kind("transmission", _plus("slope", "slope", 5e-4, signed=True)),
     "periodic_lead_error": Kind("transmission", _periodic_lead),
     "guide_slope": Kind("sensors", _plus("abbe", "guide_slope", 5e-4, signed=True)),
-    "thermal_expansion": Kind("thermal", _plus("expansion", "growth", 11.5e-6 * 0.25)),
+    "thermal_expansion": Kind("transmission", _plus("expansion", "growth", 11.5e-6 * 0.25)),
     "thermal_lag": Kind("thermal", _thermal_lag),
-    "zero_offset": Kind("sensors", _plus("zero", "zero_offset", 15e-6, signed=True)),
+    "zero_offset": Kind("transmission", _plus("zero", "zero_offset", 15e-6, signed=True)),
     "resolver_eccentricity": Kind("sensors", _eccentricity),
     "resolver_quantisation": Kind("sensors", _quantisation),
     "resolver_noise": Kind("sensors", _plus("resolver_noise", "noise", 3e-4)),

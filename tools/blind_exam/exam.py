@@ -61,7 +61,7 @@ def write_logs(case: Case, nominal: Array, folder: Path) -> tuple[Path, Path, Pa
 
 def run_case(group: str, exam_seed: int, index: int, settings: Settings, diagnose: Diagnose = subject.diagnose) -> dict[str, Any]:
     """One row of the ledger (without commit and settings, which the caller adds)."""
-    nominal = machine.nominal(settings.model if settings.model.exists() else None)
+    nominal = machine.nominal(settings.model)
     case = draw(group, exam_seed, index)
     folder = settings.out / "cases" / case.name
     if folder.exists():

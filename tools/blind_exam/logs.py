@@ -21,11 +21,11 @@ def controller_yaml(law: Law) -> str:
     section = {
         "kind": "cascade",
         "feedback": "resolver" if law.resolver else "load",
-        "kp": {"value": law.kp_1_s, "unit": "1/s"},
-        "kv": {"value": law.kv_a_s_m, "unit": "A s/m"},
-        "feedforward": {"value": law.feedforward, "unit": "1"},
-        "limit": {"value": law.limit_a, "unit": "A"},
-        "rate_span": {"value": 1.0, "unit": "1"},
+        "kp_1_s": law.kp_1_s,
+        "kv": law.kv_a_s_m,
+        "feedforward": law.feedforward,
+        "limit": law.limit_a,
+        "rate_span": 1,
     }
     return yaml.safe_dump(section, sort_keys=False)
 

@@ -13,11 +13,10 @@ from tools.blind_exam.physics import NAMES, Array, I, Law, N
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "config" / "axis.yaml"
-PLATFORM = ROOT / "config" / "model.yaml"
 
 UNITS: dict[str, float] = {
     "1": 1.0, "mm": 1e-3, "um": 1e-6, "m": 1.0, "ms": 1e-3, "s": 1.0, "mH": 1e-3, "N/um": 1e6, "um/N": 1e-6, "mN m": 1e-3, "um/mm": 1e-3,
-    "arcmin": math.pi / 10800, "mA": 1e-3, "ppm/K": 1e-6, "rad": 1.0, "deg": math.pi / 180, "ppm": 1e-6, "%": 1e-2, "mrad": 1e-3,
+    "arcmin": math.pi / 10800, "mA": 1e-3, "ppm/K": 1e-6, "rad": 1.0, "deg": math.pi / 180, "ppm": 1e-6, "%": 1e-2, "mrad": 1e-3, "mm/s": 1e-3, "kg m2": 1.0, "degC": 1.0,
 }  # fmt: skip
 """Factors to SI; a unit that is not listed is SI already."""
 
@@ -32,6 +31,20 @@ ACTUATOR = {
     "current_lag": "current_lag", "current_limit": "current_limit", "bus_voltage": "bus_voltage", "screw_lead": "lead", "gear_ratio": "gear",
     "axial_stiffness": "stiffness", "contact_damping": "damping", "resolver_counts": "counts",
 }  # fmt: skip
+
+EFFECTS: dict[str, dict[str, str]] = {
+    "motor_friction": {
+        "coulomb": "coulomb", "static": "static", "stribeck": "stribeck_speed", "viscous": "viscous", "bristle": "bristle",
+        "bristle_damping": "bristle_damping", "load_factor": "load_factor",
+    },
+    "cogging": {"cogging": "cogging", "cogging_order": "cogging_order"},
+    "backlash": {"gap": "gap"},
+    "lead_error": {"slope": "slope", "first": "first", "first_phase": "first_phase", "second": "second", "second_phase": "second_phase"},
+    "resolver_error": {"first": "ecc1", "first_phase": "ecc1_phase", "second": "ecc2", "second_phase": "ecc2_phase", "noise": "resolver_noise"},
+    "guide_friction": {"coulomb": "guide_coulomb", "bristle": "guide_bristle", "viscous": "guide_viscous"},
+    "zero_offset": {"zero_offset": "zero"},
+}  # fmt: skip
+"""Numbers of the effects of a model file under the names of the truth; the guide has no static excess here, its elements slip one by one."""
 
 
 def si(entry: dict[str, Any]) -> float:
@@ -61,7 +74,7 @@ def blank() -> Array:
     """All effects absent, numbers that must not be zero at a harmless value."""
     harmless = {
         "stribeck_speed": 6.0, "bump_width": 1e-3, "stick_width": 1e-3, "warm_time": 10.0, "crosstalk_hz": 97.0, "mode_hz": 60.0,
-        "mode_damping": 0.03, "mode2_hz": 31.0, "tiny": 1.0, "temperature_lag": 0.02, "temperature_offset": 1.0, "bristle": 1.5, "counts": 16384.0,
+        "mode_damping": 0.03, "mode2_hz": 31.0, "tiny": 1.0, "temperature_lag": 0.02, "temperature_offset": 1.0, "ruler_step": 1e-7, "bristle": 1.5, "counts": 16384.0,
     }  # fmt: skip
     p = np.zeros(N)
     for name, value in harmless.items():
@@ -69,19 +82,19 @@ def blank() -> Array:
     return p
 
 
-def nominal(path: Path | None = None) -> Array:
-    """The axis as designed, from the model file of an axis (or, without one, from the platform's actuator and a carriage of 8 kg)."""
+def nominal(path: Path = MODEL) -> Array:
+    """The axis as designed, from a model file of an axis (read as YAML, not through the program)."""
     p = blank()
-    source = path or (MODEL if MODEL.exists() else PLATFORM)
-    raw = yaml.safe_load(source.read_text(encoding="utf-8"))
+    raw = yaml.safe_load(path.read_text(encoding="utf-8"))
     for key, name in ACTUATOR.items():
         p[NAMES.index(name)] = si(raw["actuator"][key])
-    p[I.moving_mass], p[I.guide_coulomb], p[I.guide_viscous], p[I.guide_bristle] = 8.0, 11.0, 60.0, 9e5
-    effects = {e["effect"]: {k: si(v) for k, v in e["parameters"].items()} for e in raw["effects"] if e.get("axis", "both") == "both"}
-    friction = effects.get("motor_friction", {})
-    for key, name in (("coulomb", "coulomb"), ("static", "static"), ("stribeck", "stribeck_speed"), ("viscous", "viscous"), ("bristle", "bristle"),
-                      ("bristle_damping", "bristle_damping"), ("load_factor", "load_factor")):  # fmt: skip
-        if key in friction:
-            p[NAMES.index(name)] = friction[key]
-    p[I.gap] = effects.get("backlash", {}).get("gap", 0.0)
+    p[I.moving_mass], p[I.ruler_step] = si(raw["axis"]["moving_mass"]), si(raw["axis"]["ruler_step"])
+    for row in raw["effects"]:
+        values = {key: si(entry) for key, entry in row["parameters"].items()}
+        if row["effect"] == "thermal_expansion":
+            p[I.expansion] = values["screw_expansion"] * values["screw_length"]
+        else:
+            for key, value in values.items():
+                if name := EFFECTS[row["effect"]].get(key):
+                    p[NAMES.index(name)] = value
     return p

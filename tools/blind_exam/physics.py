@@ -31,7 +31,7 @@ NAMES = (
     # transmission
     "extra_compliance", "slope", "first", "first_phase", "second", "second_phase", "expansion",
     # sensors
-    "temperature_lag", "temperature_offset", "zero", "abbe", "ecc1", "ecc1_phase", "ecc2", "ecc2_phase", "resolver_noise", "resolver_step",
+    "temperature_lag", "temperature_offset", "zero", "abbe", "ruler_step", "ecc1", "ecc1_phase", "ecc2", "ecc2_phase", "resolver_noise", "resolver_step",
     "mode_hz", "mode_damping", "mode_gain", "dropout", "skew",
     # kinds outside the library
     "drag2", "cubic", "bump", "bump_at", "bump_width", "warm", "warm_time", "mode2_hz", "mode2_gain", "crosstalk", "crosstalk_hz",
@@ -101,7 +101,7 @@ def sd_per_rad(ratio: float, p: Array, turn: float) -> float:
 def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array, start_m: float, steps: int) -> Array:
     """Simulate; returns one row per cycle: command, current, resolver counts, ruler, load position, motor angle, bus, temperature.
 
-    ``u`` has the columns of :class:`Inputs`, ``noise`` four: current, resolver, ruler, bus. With ``closed`` the cascade of ``law`` makes the
+    ``u`` has the columns of :class:`Inputs`, ``noise`` those of :mod:`sensing`. With ``closed`` the cascade of ``law`` makes the
     command of row k from the readings of row k, else ``given`` holds it; it acts from k to k + 1.
     """
     n = u.shape[0]
@@ -130,8 +130,8 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
         t0 = k * dt
         mass = p[I.moving_mass] + u[k, 3]
         # the sensors at SYNC k
-        reading = theta + noise[k, 1]
-        reading += p[I.resolver_noise] * noise[k, 4]
+        reading = theta
+        reading += p[I.resolver_noise] * noise[k, 1]
         reading += p[I.ecc1] * np.sin(theta + p[I.ecc1_phase]) + p[I.ecc2] * np.sin(2.0 * theta + p[I.ecc2_phase])
         reading += tiny * 1.2e-5 * np.sin(4.0 * theta + 0.3)
         if p[I.resolver_step] > 0.0:
@@ -139,8 +139,8 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
         counts = np.round(reading / count_rad)
         felt += (u[k, 4] - felt) * min(1.0, dt / max(p[I.temperature_lag], dt))
         ruler = (x + q + q2) * (1.0 + p[I.abbe]) + p[I.zero] + ruler_grown + noise[k, 2]
-        ruler = np.round(ruler / 2e-8) * 2e-8
-        if noise[k, 5] < p[I.dropout] and k > 0:
+        ruler = np.round(ruler / p[I.ruler_step]) * p[I.ruler_step]
+        if noise[k, 4] < p[I.dropout] and k > 0:
             ruler = held_ruler
         held_ruler = ruler
         ambient_ripple = np.sin(2.0 * np.pi * p[I.crosstalk_hz] * t0)
@@ -151,7 +151,7 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
             command = given[k]
         out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4], out[k, 5] = command, measured, counts, ruler, x, theta
         out[k, 6] = p[I.bus_voltage] * (1.0 - tiny * 0.002 * abs(current)) + noise[k, 3] + (0.15 * ambient_ripple if p[I.crosstalk] > 0.0 else 0.0)
-        out[k, 7] = felt + p[I.temperature_offset] + noise[k, 6]
+        out[k, 7] = felt + p[I.temperature_offset] + noise[k, 5]
         pending[k % 64] = command
         whole = int(p[I.delay] / dt)
         part = p[I.delay] - whole * dt

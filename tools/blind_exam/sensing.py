@@ -8,7 +8,7 @@ import numpy as np
 
 from tools.blind_exam.physics import Array
 
-CURRENT_A, RESOLVER_RAD, RULER_M, BUS_V, SCREW_K = 5e-3, 8.7e-5, 5e-8, 0.02, 0.02
+CURRENT_A, RULER_M, BUS_V, SCREW_K = 5e-3, 5e-8, 0.02, 0.02
 
 
 class Climate(NamedTuple):
@@ -22,8 +22,8 @@ class Climate(NamedTuple):
 
 
 def draw(cycles: int, climate: Climate, rng: np.random.Generator) -> Array:
-    """Columns: current A, resolver rad, ruler m, bus V, unit normal (for resolver noise), unit uniform (for dropouts), screw temperature K."""
-    noise = rng.standard_normal((cycles, 7))
+    """Columns: current A, resolver (unit, its size is the machine's), ruler m, bus V, unit uniform (for dropouts), screw temperature K."""
+    noise = rng.standard_normal((cycles, 6))
     if climate.colour > 0.0:
         a = climate.colour
         for column in range(4):
@@ -34,7 +34,7 @@ def draw(cycles: int, climate: Climate, rng: np.random.Generator) -> Array:
     if climate.outliers > 0.0:
         for column in (0, 2):
             noise[rng.random(cycles) < climate.outliers, column] *= 10.0
-    noise[:, :4] *= climate.gain * np.array([CURRENT_A, RESOLVER_RAD, RULER_M, BUS_V])
-    noise[:, 5] = rng.random(cycles)
-    noise[:, 6] *= SCREW_K
+    noise[:, :4] *= climate.gain * np.array([CURRENT_A, 1.0, RULER_M, BUS_V])
+    noise[:, 4] = rng.random(cycles)
+    noise[:, 5] *= SCREW_K
     return noise
