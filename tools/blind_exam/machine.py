@@ -16,7 +16,8 @@ MODEL = ROOT / "config" / "axis.yaml"
 
 UNITS: dict[str, float] = {
     "1": 1.0, "mm": 1e-3, "um": 1e-6, "m": 1.0, "ms": 1e-3, "s": 1.0, "mH": 1e-3, "N/um": 1e6, "um/N": 1e-6, "mN m": 1e-3, "um/mm": 1e-3,
-    "arcmin": math.pi / 10800, "mA": 1e-3, "ppm/K": 1e-6, "rad": 1.0, "deg": math.pi / 180, "ppm": 1e-6, "%": 1e-2, "mrad": 1e-3, "mm/s": 1e-3, "kg m2": 1.0, "degC": 1.0,
+    "arcmin": math.pi / 10800, "mA": 1e-3, "ppm/K": 1e-6, "rad": 1.0, "deg": math.pi / 180, "ppm": 1e-6, "%": 1e-2,
+    "mrad": 1e-3, "mm/s": 1e-3,
 }  # fmt: skip
 """Factors to SI; a unit that is not listed is SI already."""
 
@@ -74,7 +75,8 @@ def blank() -> Array:
     """All effects absent, numbers that must not be zero at a harmless value."""
     harmless = {
         "stribeck_speed": 6.0, "bump_width": 1e-3, "stick_width": 1e-3, "warm_time": 10.0, "crosstalk_hz": 97.0, "mode_hz": 60.0,
-        "mode_damping": 0.03, "mode2_hz": 31.0, "tiny": 1.0, "temperature_lag": 0.02, "temperature_offset": 1.0, "ruler_step": 1e-7, "bristle": 1.5, "counts": 16384.0,
+        "mode_damping": 0.03, "mode2_hz": 31.0, "tiny": 1.0,
+        "temperature_lag": 0.02, "temperature_offset": 1.0, "ruler_step": 1e-7, "bristle": 1.5, "counts": 16384.0,
     }  # fmt: skip
     p = np.zeros(N)
     for name, value in harmless.items():
@@ -95,6 +97,6 @@ def nominal(path: Path = MODEL) -> Array:
             p[I.expansion] = values["screw_expansion"] * values["screw_length"]
         else:
             for key, value in values.items():
-                if name := EFFECTS[row["effect"]].get(key):
-                    p[NAMES.index(name)] = value
+                if key in EFFECTS[row["effect"]]:
+                    p[NAMES.index(EFFECTS[row["effect"]][key])] = value
     return p

@@ -31,7 +31,8 @@ NAMES = (
     # transmission
     "extra_compliance", "slope", "first", "first_phase", "second", "second_phase", "expansion",
     # sensors
-    "temperature_lag", "temperature_offset", "zero", "abbe", "ruler_step", "ecc1", "ecc1_phase", "ecc2", "ecc2_phase", "resolver_noise", "resolver_step",
+    "temperature_lag", "temperature_offset", "zero", "abbe", "ruler_step", "ecc1", "ecc1_phase", "ecc2", "ecc2_phase", "resolver_noise",
+    "resolver_step",
     "mode_hz", "mode_damping", "mode_gain", "dropout", "skew",
     # kinds outside the library
     "drag2", "cubic", "bump", "bump_at", "bump_width", "warm", "warm_time", "mode2_hz", "mode2_gain", "crosstalk", "crosstalk_hz",
