@@ -193,20 +193,19 @@ BACKLASH = {
     "detectable": True, "recalibration": False,
 }  # fmt: skip
 OFFSET = {**BACKLASH, "effect": "torque_offset", "stage": "drive", "values": {"torque_offset": 3e-3}}
+GAP = {"ruler": {"closed": 0.97}, "drive": {"closed": None}}
 FAINT = {**OFFSET, "effect": "presliding", "detectable": False}
 
 
 def _diagnosis(tmp_path: Path, *named: dict[str, Any], verdict: str = "explained", unexplained: int = 0) -> subject.Finding:
     path = tmp_path / "diagnosis.json"
-    path.write_text(
-        json.dumps({"verdict": verdict, "named": named, "unexplained": [{}] * unexplained, "gap_closed": {"load": {"closed": 0.97}}})
-    )
+    path.write_text(json.dumps({"verdict": verdict, "effects": named, "unexplained": [{}] * unexplained, "gap": GAP}))
     return subject.read(path)
 
 
 def _name(effect: str, stage: str = "transmission", members: tuple[str, ...] = (), **values: tuple[float, str, float]) -> dict[str, Any]:
-    parameters = {name: {"value": v, "unit": unit, "std": std} for name, (v, unit, std) in values.items()}
-    return {"effect": effect, "class": list(members), "stage": stage, "parameters": parameters}
+    parameters = {name: {"value": v, "unit": unit, "sigma": sigma} for name, (v, unit, sigma) in values.items()}
+    return {"name": effect, "class": [{"name": m, "weight": 0.5} for m in members], "stage": stage, "parameters": parameters}
 
 
 def test_a_right_name_gets_its_points(tmp_path: Path) -> None:
@@ -313,7 +312,7 @@ def test_a_right_diagnosis_of_a_fixed_draw_is_scored_as_one(tmp_path: Path) -> N
         named = [_name(h.effect, h.stage, **{k: (v, "1", 1e-9) for k, v in h.values.items()}) for h in hidden]
         out = Path(words[words.index("--out") + 1])
         out.mkdir()
-        (out / "diagnosis.json").write_text(json.dumps({"verdict": "explained", "named": named, "unexplained": [], "gap_closed": {"load": 1.0}}))
+        (out / "diagnosis.json").write_text(json.dumps({"verdict": "explained", "effects": named, "unexplained": [], "gap": GAP}))
         return subject.Ran(0, 2.0, "")
 
     settings = exam.Settings(machine.MODEL, tmp_path)

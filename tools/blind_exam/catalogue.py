@@ -14,6 +14,8 @@ import numpy as np
 from tools.blind_exam.physics import Array, I
 
 SEVERITIES = (0.03, 0.1, 0.3, 1.0, 3.0)
+SCREW_LENGTH_M = 0.25
+"""As in the model file: the sensors see only its product with the coefficient."""
 
 
 class Hidden(NamedTuple):
@@ -125,6 +127,11 @@ def _periodic_lead(p: Array, severity: float, rng: np.random.Generator) -> dict[
     return out
 
 
+def _expansion(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
+    p[I.expansion] += severity * 11.5e-6 * SCREW_LENGTH_M * _spread(rng)
+    return {"screw_expansion": float(p[I.expansion]) / SCREW_LENGTH_M}
+
+
 def _thermal_lag(p: Array, severity: float, rng: np.random.Generator) -> dict[str, float]:
     p[I.temperature_lag] += severity * 1.0 * _spread(rng)
     return {"thermal_lag": float(p[I.temperature_lag])}
@@ -174,7 +181,7 @@ LIBRARY: dict[str, Kind] = {
     "lead_error": Kind("transmission", _plus("slope", "slope", 5e-4, signed=True)),
     "periodic_lead_error": Kind("transmission", _periodic_lead),
     "guide_slope": Kind("sensors", _plus("abbe", "guide_slope", 5e-4, signed=True)),
-    "thermal_expansion": Kind("transmission", _plus("expansion", "growth", 11.5e-6 * 0.25)),
+    "thermal_expansion": Kind("transmission", _expansion),
     "thermal_lag": Kind("thermal", _thermal_lag),
     "zero_offset": Kind("transmission", _plus("zero", "zero_offset", 15e-6, signed=True)),
     "resolver_eccentricity": Kind("sensors", _eccentricity),

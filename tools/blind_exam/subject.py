@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 from tools.blind_exam.machine import UNITS
 
 TIMEOUT_S = 900.0
+FLAGS = ("unexplained", "partly-explained", "not-understood", "invalid")
+"""Verdicts that warn: the names, if any, are not the whole story."""
 
 
 class Named(NamedTuple):
@@ -33,12 +35,12 @@ class Finding(NamedTuple):
     named: tuple[Named, ...]
     unexplained: int
     closed: dict[str, float]
-    """Gap closed on held-out motion by channel."""
+    """Gap closed on held-out motion, by channel that was above its floor."""
     sentinel: bool
 
     @property
     def flagged(self) -> bool:
-        return self.unexplained > 0 or self.verdict in ("unexplained", "partly-explained")
+        return self.unexplained > 0 or self.verdict in FLAGS
 
 
 class Ran(NamedTuple):
@@ -67,25 +69,24 @@ def diagnose(words: list[str]) -> Ran:
     return Ran(done.returncode, time.monotonic() - start, lines[-1] if lines else "")
 
 
-def _si(entry: Any) -> tuple[float, float]:
-    if not isinstance(entry, dict):
-        return float(entry), float("nan")
-    factor = UNITS.get(str(entry.get("unit", "1")), 1.0)
-    std = entry.get("std")
-    return float(entry["value"]) * factor, float("nan") if std is None else float(std) * factor
+def _si(entry: dict[str, Any]) -> tuple[float, float]:
+    factor = UNITS.get(str(entry["unit"]), 1.0)
+    sigma = entry["sigma"]
+    return float(entry["value"]) * factor, float("nan") if sigma is None else float(sigma) * factor
 
 
 def read(path: Path) -> Finding:
-    """A diagnosis; raises ``KeyError`` or ``ValueError`` where it is not of the documented form."""
+    """A diagnosis; raises ``KeyError``, ``TypeError`` or ``ValueError`` where it is not of the documented form."""
     raw = json.loads(path.read_text(encoding="utf-8"))
     named = tuple(
         Named(
-            str(row["effect"]),
-            frozenset([str(row["effect"]), *(str(m["effect"] if isinstance(m, dict) else m) for m in row.get("class", []))]),
-            str(row.get("stage", "")),
-            {name: _si(value) for name, value in row.get("parameters", {}).items()},
+            str(row["name"]),
+            frozenset([str(row["name"]), *(str(member["name"]) for member in row["class"])]),
+            str(row["stage"]),
+            {name: _si(value) for name, value in row["parameters"].items()},
         )
-        for row in raw["named"]
+        for row in raw["effects"]
     )
-    closed = {name: float(v["closed"] if isinstance(v, dict) else v) for name, v in (raw.get("gap_closed") or {}).items()}
-    return Finding(str(raw["verdict"]), named, len(raw.get("unexplained", [])), closed, bool(raw.get("sentinel", False)))
+    closed = {channel: float(gap["closed"]) for channel, gap in raw["gap"].items() if gap["closed"] is not None}
+    verdict = str(raw["verdict"])
+    return Finding(verdict, named, len(raw["unexplained"]), closed, verdict == "invalid")
