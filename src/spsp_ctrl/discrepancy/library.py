@@ -16,6 +16,8 @@ from spsp_ctrl.plant.layout import A
 
 LIMITS = ("voltage_limit_v", "current_ceiling_a", "speed_ceiling_rad_s")
 """Sizes that act by being small: absent at zero, strongest near it."""
+STIFFNESS = "bristle_nm_rad"
+"""A friction level that the model did not have needs a presliding stiffness; nobody knows it, so it is fitted with the level."""
 WHERE = {"drive": "axis", "transmission": "axis", "mechanism": "axis", "sensors": "axis", "thermal": "axis"}
 
 
@@ -57,9 +59,12 @@ def _size_of(f: Free) -> float:
 def candidate(model: AxisModel, effect: Effect, h: Hypothesis, p: Array, reach: dict[str, float], orders: Sequence[float]) -> Candidate:
     """Variables and starts of a name at parameters ``p``. ``reach`` gives the largest speed, current, voltage of the records."""
     base = p.copy()
+    companions: list[Variable] = []
     for name, value in h.along:
         if base[_index(model, name)] == 0.0:
             base[_index(model, name)] = value
+            if name.endswith(STIFFNESS):
+                companions.append(Variable(name, _index(model, name), 0.05 * value, 20.0 * value, 0.1 * value, nuisance=True))
     variables: list[Variable] = []
     linear: list[list[tuple[str, float]]] = []  # variables of which each is a column of its own
     shapes: list[list[tuple[Variable, float]]] = []  # tried one by one
@@ -70,7 +75,7 @@ def candidate(model: AxisModel, effect: Effect, h: Hypothesis, p: Array, reach: 
             continue
         i = _index(model, f.name)
         phase = next((n for n in frees if n.endswith("phase_rad") and n.startswith(f.name.rsplit("_", 1)[0])), None)
-        if phase is not None and f.name != phase:
+        if phase is not None and f.name != phase and not f.name.endswith("order"):
             skip.add(phase)
             size = _size_of(f)
             variables += pair(f.name, i, _index(model, phase), f.high, 0.3 * size, p, nuisance=False)
@@ -92,6 +97,7 @@ def candidate(model: AxisModel, effect: Effect, h: Hypothesis, p: Array, reach: 
             v = Variable(f.name, i, f.low, f.high, 0.3 * _size_of(f), nuisance=f.nuisance)
             variables.append(v)
             linear.append([(f.name, s) for s in f.starts[:1]] if f.low < 0.0 else [(f.name, s) for s in f.starts])
+    variables += companions
     return Candidate(h.name, effect, h, tuple(variables), tuple(_groups(base, variables, linear, shapes)))
 
 

@@ -236,7 +236,10 @@ class Search:
             if (near < TWIN_EVIDENCE and t.accepted) or alike:
                 rivals[t.candidate.name] = -near
         named = Named(best.candidate, best.evidence, rivals, best.channel, best.shares)
-        return State(best.fitted.p, best.fitted, best.held, [*state.named, named])
+        names = [*state.named, named]
+        # whitened by what is left now, not by what was left before: small channels get their weight, deviations their size
+        polished = fit(self.train, best.fitted.p, self.variables(best.fitted.p, names), steps=3)
+        return State(polished.p, polished, self.held.residuals(polished.p), names)
 
     def prune(self, state: State) -> State:
         """Backward elimination: a name that no longer earns its place goes."""
