@@ -19,6 +19,8 @@ from spsp_ctrl.config.rig import MechanismFile, RigConfig
 from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.config.units import UNITS, spellings
 from spsp_ctrl.plant import layout
+from spsp_ctrl.plant.axis import INPUTS, OUTPUTS
+from spsp_ctrl.plant.axis_model import AXIS_KEYS, AxisController, AxisFile, load_axis_model
 from spsp_ctrl.plant.effects import EFFECTS, Parameter
 from spsp_ctrl.plant.model import ModelFile, Quantity, effect_keys, key, load_model
 from spsp_ctrl.recording.schema import JSON_TOPICS, TOPICS, Codec, ros_name
@@ -209,20 +211,56 @@ def rig_parameters() -> str:
 def effects() -> str:
     """The effect registry."""
     file, parts = _as_designed(), []
+    axis_file = _axis_as_designed()
     for effect in EFFECTS:
-        entries = [entry for entry in file.effects if entry.effect == effect.name]
+        alone = effect.kind == "axis"
+        entries = [entry for entry in (axis_file.effects if alone else file.effects) if entry.effect == effect.name]
         given: dict[str, Quantity] = {}
         axes: dict[str, str] = {}
         for entry in entries:
             given |= entry.parameters
-            if entry.axis != "both":
+            if getattr(entry, "axis", "both") != "both":
                 for name, quantity in entry.parameters.items():
-                    axes[name] = (axes[name] + ", " if name in axes else "") + f"{_design(quantity)[0]} ({entry.axis})"
-        where = "one set for each actuator" if effect.per_axis else "one set for the rig"
+                    axes[name] = (axes[name] + ", " if name in axes else "") + f"{_design(quantity)[0]} ({getattr(entry, 'axis', '')})"
+        where = "single axis only" if alone else "one set for each actuator" if effect.per_axis else "one set for the rig"
         present = "" if entries else " Not in the as-designed model."
         text = f"### {effect.name}\n\n{effect.doc} Stage: {effect.stage}; {where}.{present}\n\n"
         parts.append(text + _parameters(effect_keys(effect), given, axes))
     return "\n\n".join(parts)
+
+
+def _axis_as_designed() -> AxisFile:
+    return load_axis_model(ROOT / "config" / "axis.yaml").file
+
+
+def axis_parameters() -> str:
+    """Section ``axis:`` of the model of a single axis."""
+    return _parameters(AXIS_KEYS, _axis_as_designed().axis)
+
+
+def axis_state() -> str:
+    """State of a single axis behind that of its actuator."""
+    first = layout.N_AXIS_STATE
+    return table(("index", "name", "unit", "meaning"), [(str(first + i), f"`Y.{n}`", u, doc) for i, (n, u, doc) in enumerate(layout.LOAD_STATE)])
+
+
+def axis_arrays() -> str:
+    """Inputs and outputs of a single axis."""
+    rows = [(str(i), f"`IN.{name}`", _si(name)) for i, name in enumerate(INPUTS)]
+    rows += [(str(i), f"`OUT.{name}`", _si(name)) for i, name in enumerate(OUTPUTS)]
+    return table(("index", "name", "unit"), rows)
+
+
+def hypotheses() -> str:
+    """The names that a diagnosis may give."""
+    rows = []
+    for effect in EFFECTS:
+        for h in effect.hypotheses:
+            free = "<br>".join(f"`{q.name}` {q.low:g} … {q.high:g}" + (" (of the session)" if q.nuisance else "") for q in h.free)
+            twins = ", ".join(f"`{twin}`" for twin in h.twins)
+            where = {"axis": "single axis", "platform": "platform", "both": "both"}[effect.kind]
+            rows.append((f"[`{h.name}`](#{h.name})", effect.stage, where, free, ", ".join(h.channels), ", ".join(h.regimes), twins, prose(h.source)))
+    return table(("name", "stage", "where", "what is free, in SI", "channels", "regimes", "twins", "form"), rows)
 
 
 def units() -> str:
@@ -267,6 +305,11 @@ GENERATORS: dict[str, Callable[[], Any]] = {
     "rig-parameters": rig_parameters,
     "effects": effects,
     "units": units,
+    "axis-parameters": axis_parameters,
+    "axis-controller": lambda: config_tables(AxisController),
+    "axis-state": axis_state,
+    "axis-arrays": axis_arrays,
+    "hypotheses": hypotheses,
     "faults": faults,
     "reactions": reactions,
     "exit-codes": exit_codes,

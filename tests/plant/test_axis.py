@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from math import pi
 from pathlib import Path
 
@@ -94,20 +95,50 @@ def test_shooting_from_the_states_of_a_run_gives_that_run() -> None:
     assert np.array_equal(BENCH.simulate(p, u), y)
 
 
-@pytest.mark.parametrize("model", [BENCH, BARE])
-def test_start_states_from_readings_come_close_to_the_true_ones(model: AxisModel) -> None:
+@pytest.mark.parametrize("with_load", [False, True], ids=["driven", "read"])
+@pytest.mark.parametrize("model", [BENCH, BARE], ids=["bench", "bare"])
+def test_start_states_from_readings_come_close_to_the_true_ones(model: AxisModel, with_load: bool) -> None:
     p = model.parameters()
+    p[L.guide_slope], p[A.res_second_rad], p[A.res_second_phase_rad] = 2e-3, 5e-3, 0.4
     n = 1500
     u = still(n, command_a=chirp(n, model.file.rate_hz, 0.6)) if model is BENCH else emps_like(n)
     y, states = model.trace(p, u)
     at = np.arange(100, n, 100)
     u[:, IN.command_a] = y[:, OUT.command_a]
-    starts = model.start_states(
-        p, u, at, states[at, X.angle], states[at, X.speed], states[at, Y.travel], states[at, Y.rate], states[at, X.current]
-    )
+    load = (y[at, OUT.load_m], states[at, Y.rate]) if with_load else ()
+    starts = model.start_states(p, u, at, y[at, OUT.motor_rad], states[at, X.speed], states[at, X.current], *load)
     shot = model.windows(p, u, starts, at)
-    error = np.abs(shot[100:, OUT.travel_m] - y[100:, OUT.travel_m]).max()
-    assert error < 0.01 * np.ptp(y[:, OUT.travel_m])
+    for channel in (OUT.load_m, OUT.motor_rad):
+        error = np.abs(shot[100:, channel] - y[100:, channel]).max()
+        assert error < 0.01 * np.ptp(y[:, channel])
+
+
+DATA = Path(os.environ.get("SPSP_CTRL_DATA", CONFIG.parents[1] / "shared" / "data")) / "emps" / "DATA_EMPS.mat"
+
+
+@pytest.mark.skipif(not DATA.is_file(), reason="no EMPS recording (folder named by SPSP_CTRL_DATA)")
+def test_the_published_model_of_a_real_axis_closes_the_loop_as_published() -> None:
+    """EMPS: the cascade replays to the encoder's resolution, and the published friction leaves 4.55 % of the force in closed loop."""
+    from scipy.io import loadmat
+
+    record = {name: np.asarray(value, np.float64).ravel() for name, value in loadmat(DATA).items() if not name.startswith("__")}
+    c = BARE.file.controller
+    again = replay(record["qg"], np.zeros_like(record["qg"]), record["qm"], 1000.0, kp=c.kp_1_s, kv=c.kv, limit=c.limit, rate_span=c.rate_span)
+    assert float(np.std((again - record["vir"])[5:])) < 4e-3, "volt; one count of the encoder is 6 mV here"
+    p, to_motor = BARE.parameters(), BARE.travel_per_rad
+    bare = p.copy()
+    p[A.mf_coulomb_nm], p[A.mf_viscous_nm_s], p[A.torque_offset_nm] = 20.39 * to_motor, 203.5 * to_motor**2, -3.165 * to_motor
+    p[A.mf_bristle_nm_rad], p[A.mf_bristle_damping_nm_s] = 1.5, 2e-3
+    u = still(len(record["qg"]), reference_m=record["qg"], command_a=record["vir"])
+    speed, place = np.polyfit(np.arange(6) / 1000.0, record["qm"][:6], 1)
+    start = BARE.start_states(p, u, np.array([0]), np.array([place / to_motor]), np.array([speed / to_motor]), record["vir"][:1])[0]
+
+    def missed(parameters: Array) -> float:
+        error = BARE.simulate(parameters, u, start, first=1)[:, OUT.command_a] - record["vir"]
+        return float(np.sqrt(np.mean(error**2) / np.mean(record["vir"] ** 2)))
+
+    assert missed(bare) == pytest.approx(0.696, abs=0.01)
+    assert missed(p) == pytest.approx(0.0455, abs=0.001)
 
 
 def test_the_cascade_in_the_loop_is_its_replay() -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 
-from tools.bench import bench_experiments, effects, loop, monte_carlo
+from tools.bench import axis, bench_experiments, effects, loop, monte_carlo
 
-BENCHES = {"loop": loop.main, "effects": effects.main, "monte_carlo": monte_carlo.main, "experiments": bench_experiments.main}
+BENCHES = {"loop": loop.main, "effects": effects.main, "axis": axis.main, "monte_carlo": monte_carlo.main, "experiments": bench_experiments.main}
 
 
 def main() -> None:

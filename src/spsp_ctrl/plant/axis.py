@@ -7,7 +7,8 @@ How to call it, with ``model`` from :func:`spsp_ctrl.plant.axis_model.load_axis_
     y = model.simulate(p, u)                      # (n, N_OUT): row k is read at SYNC k, before row k of u acts
     y, states = model.trace(p, u, x0, first)      # the state at every SYNC as well
     y = model.windows(p, u, starts, at)           # multiple shooting: from starts[i] at row at[i] until at[i + 1]
-    starts = model.start_states(p, u, at, motor_rad, motor_rad_s, load_m, load_m_s, current_a)
+    starts = model.start_states(p, u, at, motor_rad, motor_rad_s, current_a)               # the load where the motor drives it
+    starts = model.start_states(p, u, at, motor_rad, motor_rad_s, current_a, load_m, load_m_s)
 
 Columns of inputs, outputs and state are ``IN``, ``OUT`` and ``layout.X``, ``layout.Y``. Nothing here is random: noise, counts and ruler steps
 are added by :mod:`spsp_ctrl.plant.axis_bench`, so a simulation is smooth in its parameters. With a cascade in the model (``loop`` of
@@ -24,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spsp_ctrl.plant.arrays import Array
-from spsp_ctrl.plant.axis_controller import cascade_step
+from spsp_ctrl.plant.axis_controller import MAX_SPAN, cascade_step
 from spsp_ctrl.plant.compile import compiled, entry
 from spsp_ctrl.plant.effects.guide_slope import ruler_error
 from spsp_ctrl.plant.effects.imu_error import quantise
@@ -74,14 +75,19 @@ def axis_read(x: Array, p: Array, cycle: int, y: Array) -> None:
 
 
 @compiled
-def axis_command(x: Array, p: Array, u: Array, y: Array, period: float, cycle: int) -> float:
+def feedback(p: Array, y: Array) -> float:
+    """What the cascade reads: the ruler, or the nut by the resolver."""
+    if p[L.loop] == 2.0:
+        return float(y[OUT.motor_rad] / p[A.gear_ratio] * p[A.screw_lead_m] / (2.0 * pi))
+    return float(y[OUT.load_m])
+
+
+@compiled
+def axis_command(x: Array, p: Array, u: Array, y: Array, period: float) -> float:
     """Command of this SYNC: the recorded one, or that of the cascade on the simulated reading."""
     if p[L.loop] == 0.0:
         return float(u[IN.command_a])
-    position = y[OUT.load_m] if p[L.loop] == 1.0 else y[OUT.motor_rad] / p[A.gear_ratio] * p[A.screw_lead_m] / (2.0 * pi)
-    if cycle == 0:
-        for i in range(4):
-            x[Y.position_1 + i] = position
+    position = feedback(p, y)
     span = int(p[L.rate_span])
     before = x[Y.position_1 + span - 1]
     for i in range(3, 0, -1):
@@ -142,7 +148,7 @@ def axis_rollout(x: Array, p: Array, u: Array, y: Array, states: Array, first: i
         if keep:
             states[k, :] = x
         axis_read(x, p, first + k, y[k])
-        command = axis_command(x, p, u[k], y[k], period, first + k)
+        command = axis_command(x, p, u[k], y[k], period)
         y[k, OUT.command_a] = command
         y[k, OUT.force_n] = axis_cycle(x, p, u[k], command, first + k, substeps, period)
 
@@ -178,20 +184,36 @@ def temperature_slope(screw_c: Array, rate_hz: float) -> Array:
 def rest_state(p: Array, u: Array, load_m: float) -> Array:
     """At rest with the load at ``load_m``, the screw on the flank that carries the outer force of row 0 of ``u``."""
     x = np.zeros(N_LOAD_STATE)
-    outer = float(u[0, IN.load_force_n])
     x[X.screw_temperature] = u[0, IN.screw_c] + p[L.thermal_lag_s] * u[0, IN.screw_c_s]
     x[Y.travel] = load_m
-    wind_up = 0.0
-    if p[L.rigid] == 0.0:
-        stiffness = p[A.axial_stiffness_n_m] / (1.0 + p[A.axial_stiffness_n_m] * p[A.added_compliance_m_n])
-        wind_up = outer / stiffness + 0.5 * p[A.gap_m] * np.sign(outer)
-    settle_angle(x, p, load_m + wind_up)
+    x[X.angle] = angle_at(x, p, load_m + wind_up(p, float(u[0, IN.load_force_n])))
+    y = np.zeros(N_OUT)
     x[Y.held_resolver], x[Y.held_ruler] = x[X.angle], load_m
+    axis_read(x, p, 0, y)
+    x[Y.position_1 : Y.position_1 + MAX_SPAN] = feedback(p, y)
     return x
 
 
-def settle_angle(x: Array, p: Array, travel_m: float) -> None:
-    """Turn the motor of ``x`` until the nut stands at ``travel_m``."""
+def wind_up(p: Array, force_n: float) -> float:
+    """Travel in m that gap and elasticity hold back under a force in the rod."""
+    if p[L.rigid] != 0.0:
+        return 0.0
+    stiffness = p[A.axial_stiffness_n_m] / (1.0 + p[A.axial_stiffness_n_m] * p[A.added_compliance_m_n])
+    return float(force_n / stiffness + 0.5 * p[A.gap_m] * np.sign(force_n))
+
+
+def angle_at(x: Array, p: Array, travel_m: float) -> float:
+    """Motor angle at which the nut stands at ``travel_m``, at the screw temperature of ``x``."""
+    turned = x.copy()
     for _ in range(20):
-        travel, gain = free_travel(x, 0, p, 0)
-        x[X.angle] += (travel_m - travel) / gain
+        travel, gain = free_travel(turned, 0, p, 0)
+        turned[X.angle] += (travel_m - travel) / gain
+    return float(turned[X.angle])
+
+
+def driven_load(x: Array, p: Array, outer_n: float) -> tuple[float, float]:
+    """Travel and rate of a load that follows the motor of ``x`` on the flank that drives it."""
+    travel, gain = free_travel(x, 0, p, 0)
+    rate = gain * x[X.speed]
+    force = outer_n + p[L.guide_coulomb_n] * np.sign(rate) + p[L.guide_viscous_n_s_m] * rate
+    return float(travel - wind_up(p, float(force))), float(rate)

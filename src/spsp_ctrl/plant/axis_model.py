@@ -20,9 +20,11 @@ from spsp_ctrl.config.loader import ConfigError, ConfigProblem, Loaded, load_yam
 from spsp_ctrl.config.scenario import Strict
 from spsp_ctrl.config.units import UNITS, spellings
 from spsp_ctrl.plant.arrays import Array
-from spsp_ctrl.plant.axis import IN, N_OUT, axis_rollout, axis_windows, rest_state
+from spsp_ctrl.plant.axis import IN, N_OUT, axis_read, axis_rollout, axis_windows, driven_load, feedback, rest_state
 from spsp_ctrl.plant.axis_controller import MAX_SPAN
-from spsp_ctrl.plant.effects import BY_NAME, EFFECTS, Parameter
+from spsp_ctrl.plant.effects import BY_NAME, EFFECTS, Hypothesis, Parameter
+from spsp_ctrl.plant.effects.guide_slope import ruler_error
+from spsp_ctrl.plant.effects.resolver_error import eccentric
 from spsp_ctrl.plant.layout import AXIS_BASE, AXIS_PARAMETERS, GLOBAL_BASE, LOAD_BASE, LOAD_EFFECTS, N_LOAD_MODEL, N_LOAD_STATE, A, G, L, X, Y
 from spsp_ctrl.plant.model import MODEL_SCHEMA, Location, Quantity, effect_keys, key, nearest
 
@@ -106,6 +108,8 @@ AXIS_KEYS = {key(q): q for q in LOAD_BASE + _RIG}
 AXIS_EFFECTS = tuple(effect for effect in EFFECTS if effect.kind != "platform" and (effect.per_axis or effect.kind == "axis"))
 """Effects that a single axis can have."""
 _OPTIONAL = {"ruler_step", "ruler_noise"}
+NOT_RIGID = ("backlash", "axial_compliance", "voltage_saturation")
+"""Effects without meaning on a rigid mass that is moved by a force."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +163,11 @@ class AxisModel:
         """Place of a parameter (by its name in ``layout``) in the flat array. Raises ``KeyError``."""
         return _INDEX[name]
 
+    def hypotheses(self) -> dict[str, Hypothesis]:
+        """Names that a diagnosis of this axis may give: a rigid one has nothing elastic, no play and no winding."""
+        found = {h.name: h for effect in AXIS_EFFECTS for h in effect.hypotheses}
+        return {name: h for name, h in found.items() if not (self.file.bare and name in NOT_RIGID)}
+
     def without(self, *names: str) -> AxisModel:
         """The same axis without the named effects."""
         for name in names:
@@ -188,29 +197,49 @@ class AxisModel:
         return y
 
     def start_states(
-        self, p: Array, u: Array, at: NDArray[np.int64], motor_rad: Array, motor_rad_s: Array, load_m: Array, load_m_s: Array, current_a: Array
+        self,
+        p: Array,
+        u: Array,
+        at: NDArray[np.int64],
+        motor_rad: Array,
+        motor_rad_s: Array,
+        current_a: Array,
+        load_m: Array | None = None,
+        load_m_s: Array | None = None,
     ) -> Array:
-        """States at rows ``at`` from values there (smoothed readings), one row for each.
+        """States at rows ``at`` from readings there (smoothed), one row for each; errors of the sensors that ``p`` holds are taken out.
 
-        Bristles stand where a steady motion keeps them; the command history is that of ``u``; a rigid load follows its motor.
+        Without ``load_m`` the load stands where the model lets the motor drive it: no offset between the two zeros can then wind up the screw.
+        Bristles stand where a steady motion keeps them; the commands before are those of ``u``.
         """
+        at = np.asarray(at, np.int64)
         x = np.zeros((len(at), N_LOAD_STATE))
-        x[:, X.angle], x[:, X.speed], x[:, X.current] = motor_rad, motor_rad_s, current_a
-        x[:, Y.travel], x[:, Y.rate] = load_m, load_m_s
-        x[:, Y.held_resolver], x[:, Y.held_ruler] = motor_rad, load_m
+        error = [
+            eccentric(0.0, angle, p[A.res_first_rad], p[A.res_first_phase_rad], p[A.res_second_rad], p[A.res_second_phase_rad]) for angle in motor_rad
+        ]
+        x[:, X.angle], x[:, X.speed], x[:, X.current] = np.asarray(motor_rad) - error, motor_rad_s, current_a
         x[:, X.screw_temperature] = u[at, IN.screw_c] + p[L.thermal_lag_s] * u[at, IN.screw_c_s]
+        for i, row in enumerate(x):
+            row[Y.travel], row[Y.rate] = driven_load(row, p, float(u[at[i], IN.load_force_n]))
+        if load_m is not None and p[L.rigid] == 0.0:
+            x[:, Y.travel] = [value - ruler_error(value, p[L.guide_slope], p[L.guide_curve_1_m]) for value in load_m]
+            if load_m_s is not None:
+                x[:, Y.rate] = load_m_s
+        rate = x[:, Y.rate]
         for bristle, speed, level, stiffness in (
-            (X.bristle, motor_rad_s, p[A.mf_coulomb_nm], p[A.mf_bristle_nm_rad]),
-            (Y.guide, load_m_s, p[L.guide_coulomb_n], p[L.guide_bristle_n_m]),
+            (X.bristle, x[:, X.speed], p[A.mf_coulomb_nm], p[A.mf_bristle_nm_rad]),
+            (Y.guide, rate, p[L.guide_coulomb_n], p[L.guide_bristle_n_m]),
         ):
             x[:, bristle] = np.sign(speed) * level / stiffness if stiffness > 0.0 else 0.0
-        before = np.maximum(np.asarray(at)[:, None] - np.arange(1, X.past_speed_0 - X.past_current_0 + 1), 0)
+        before = np.maximum(at[:, None] - np.arange(1, X.past_speed_0 - X.past_current_0 + 1), 0)
         x[:, X.past_current_0 : X.past_speed_0] = u[before, IN.command_a]
         x[:, X.past_speed_0 : X.past_speed_0 + before.shape[1]] = u[before, IN.command_rad_s]
         x[:, X.lag_current], x[:, X.lag_speed] = u[before[:, 0], IN.command_a], u[before[:, 0], IN.command_rad_s]
-        back = np.arange(1, MAX_SPAN + 1) * self.period_s
-        position, rate = (load_m, load_m_s) if p[L.loop] != 2.0 else (motor_rad * self.travel_per_rad, motor_rad_s * self.travel_per_rad)
-        x[:, Y.position_1 : Y.position_1 + MAX_SPAN] = np.asarray(position)[:, None] - np.asarray(rate)[:, None] * back
+        y = np.zeros(N_OUT)
+        for i, row in enumerate(x):
+            row[Y.held_resolver], row[Y.held_ruler] = motor_rad[i], row[Y.travel]
+            axis_read(row, p, int(at[i]), y)
+            row[Y.position_1 : Y.position_1 + MAX_SPAN] = feedback(p, y) - rate[i] * self.period_s * np.arange(1, MAX_SPAN + 1)
         return x
 
 
@@ -242,6 +271,8 @@ def check(file: AxisFile) -> Iterator[tuple[Location, str]]:
         if entry.effect not in known:
             what = "acts on a platform, not on a single axis" if entry.effect in BY_NAME else "is unknown" + nearest(entry.effect, known)
             yield ("effects", i, "effect"), f"effect {entry.effect!r} {what}"
+        elif file.bare and entry.effect in NOT_RIGID:
+            yield ("effects", i, "effect"), f"effect {entry.effect!r} has no meaning on a rigid mass that is moved by a force"
     seen: dict[str, Location] = {}
     for place, keys, name, quantity in _entries(file):
         if name not in keys:

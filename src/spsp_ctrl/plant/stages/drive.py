@@ -94,7 +94,7 @@ def drive_step(
     back_emf = resistance * current + kt * speed
     voltage = back_emf + inductance * (reference - current) / p[pb + A.current_lag_s]
     bus = lower_limit(p[pb + A.bus_voltage_v], p[pb + A.voltage_limit_v])
-    if -bus <= voltage <= bus:
+    if resistance == 0.0 or -bus <= voltage <= bus:  # an axis without winding (plant.axis) has no voltage to run out of
         new_current = reference + (current - reference) * exp(-dt / p[pb + A.current_lag_s])
     else:
         new_current = current + dt * (clip(voltage, -bus, bus) - back_emf) / inductance
