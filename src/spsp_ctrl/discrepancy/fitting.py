@@ -13,7 +13,7 @@ from spsp_ctrl.discrepancy.statistics import effective_size, rms
 from spsp_ctrl.discrepancy.variables import Variable, place, values_of
 from spsp_ctrl.plant.arrays import Array
 
-CLIP = 5.0
+CLIP = 8.0
 """A residual beyond so many rms counts as if it were there: outliers do not steer a fit."""
 Split = dict[str, Array]
 

@@ -16,6 +16,8 @@ from spsp_ctrl.plant.arrays import Array
 
 TRAIN_SHARE, HELD_SHARE, WORSE = 0.15, 0.02, 0.02
 """Accepted: a channel loses this share of its excess in training, this share of its rms on held-out motion, and none gets worse by more than this."""
+CERTAIN_SHARE, CERTAIN_HELD, CERTAIN = 0.08, 0.04, 60.0
+"""Or a smaller share of both that is beyond doubt: a real machine has many small faults, none of which is 15 % of what is left."""
 EVIDENCE = 12.0
 """Least gain of the score (difference of BIC)."""
 TWIN_EVIDENCE, TWIN_COSINE = 6.0, 0.95
@@ -187,14 +189,15 @@ class Search:
         )
         return fitted, self.held.residuals(fitted.p)
 
-    def accepts(self, before: Split, after: Split, held_before: Split, held_after: Split) -> tuple[bool, str, dict[str, float]]:
+    def accepts(self, evidence: float, before: Split, after: Split, held_before: Split, held_after: Split) -> tuple[bool, str, dict[str, float]]:
         """The rule of acceptance; names the channel that gains most."""
         floor = self.train.floor
         shares = {c: excess_share(robust_rms(before[c]), robust_rms(after[c]), floor.get(c, 0.0)) for c in before}
         above = [c for c in shares if robust_rms(before[c]) > 1.02 * floor.get(c, 0.0)]
         gains = {c: 1.0 - robust_rms(held_after[c]) / max(robust_rms(held_before[c]), 1e-15) for c in held_before}
         worse = [c for c in held_before if gains[c] < -WORSE and robust_rms(held_after[c]) > 1.05 * self.held.floor.get(c, 0.0)]
-        good = [c for c in above if shares[c] >= TRAIN_SHARE and gains[c] >= HELD_SHARE]
+        share, held = (CERTAIN_SHARE, CERTAIN_HELD) if evidence >= CERTAIN else (TRAIN_SHARE, HELD_SHARE)
+        good = [c for c in above if (shares[c] >= TRAIN_SHARE and gains[c] >= HELD_SHARE) or (shares[c] >= share and gains[c] >= held)]
         channel = max(good, key=lambda c: gains[c]) if good else ""
         return bool(good) and not worse, channel, shares
 
@@ -215,10 +218,10 @@ class Search:
         # the residual of a wrong model is one long wave with few independent samples: the size of the sample is that of the best fit
         sizes = {c: max([effective_size(r), *(effective_size(f.residuals[c]) for _, f, _ in refits)]) for c, r in base.items()}
         was = self.score(base, sizes, 0)
-        tried = [
-            Trial(was - self.score(f.residuals, sizes, len(c.variables)), c, f, held, *self.accepts(base, f.residuals, state.held, held))
-            for c, f, held in refits
-        ]
+        tried = []
+        for candidate, fitted, held in refits:
+            evidence = was - self.score(fitted.residuals, sizes, len(candidate.variables))
+            tried.append(Trial(evidence, candidate, fitted, held, *self.accepts(evidence, base, fitted.residuals, state.held, held)))
         tried.sort(key=lambda t: -t.evidence)
         good = [t for t in tried if t.accepted and t.evidence > EVIDENCE]
         physical = [t for t in good if not t.candidate.hypothesis.sentinel]
