@@ -258,9 +258,9 @@ class Search:
                 state = State(fitted.p, fitted, held, rest)
         return state
 
-    def run(self, p: Array) -> tuple[State, State]:
-        """From the model as given to the last name: (nominal refit, end)."""
-        first = state = self.start(p)
+    def run(self, p: Array, first: State | None = None) -> tuple[State, State]:
+        """From the model as given (or the state after ``start``) to the last name: (nominal refit, end)."""
+        first = state = first or self.start(p)
         while len(state.named) < MOST:
             after = self.step(state)
             if after is None:
