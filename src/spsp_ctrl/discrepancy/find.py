@@ -13,7 +13,7 @@ from spsp_ctrl.discrepancy.statistics import blocks, bootstrap, correlation_leng
 
 FAMILY = 0.01
 """Family-wise error rate over all channels and regimes."""
-DRAWS = 4000
+DRAWS = 1000
 STAGES = {"force": "drive", "current": "drive", "drive": "drive", "resolver": "sensors", "ruler": "transmission"}
 
 
@@ -40,7 +40,7 @@ def find(bench: Bench, residuals: Split, seed: int) -> list[Found]:
     raw: list[tuple[str, str, float, float, float, float]] = []
     for channel, values in residuals.items():
         floor = bench.floor.get(channel, 0.0)
-        length = int(max(8, 4 * correlation_length(values)))
+        length = int(max(8, 4 * correlation_length(values), len(values) // 150))
         parts = blocks(len(values), length)
         masks: dict[str, list[np.ndarray]] = {}
         for one, use in zip(bench.replicas, bench.use, strict=True):

@@ -89,6 +89,26 @@ def jacobian(bench: Bench, p: Array, variables: Sequence[Variable], base: Split)
     return {c: np.stack(v, axis=1) if v else np.zeros((len(base[c]), 0)) for c, v in columns.items()}
 
 
+def _slopes(
+    bench: Bench, p: Array, variables: Sequence[Variable], base: Split, known: tuple[Sequence[Variable], dict[str, Array]] | None
+) -> dict[str, Array]:
+    if known is None:
+        return jacobian(bench, p, variables, base)
+    have = {v.name: k for k, v in enumerate(known[0])}
+    fresh = [v for v in variables if v.name not in have]
+    # a part of a pair moves with the other part in place
+    pairs = [v for v in variables if v.name in have or v in fresh]
+    at, new = values_of(p, pairs), {}
+    for v in fresh:
+        k = pairs.index(v)
+        moved = at.copy()
+        step = v.step if at[k] + v.step <= v.high else -v.step
+        moved[k] += step
+        after = bench.residuals(place(p, pairs, moved))
+        new[v.name] = {c: (after[c] - base[c]) / step for c in base}
+    return {c: np.stack([known[1][c][:, have[v.name]] if v.name in have else new[v.name][c] for v in variables], axis=1) for c in base}
+
+
 def fit(
     bench: Bench,
     p: Array,
@@ -97,9 +117,13 @@ def fit(
     steps: int = 5,
     scales: dict[str, float] | None = None,
     weights: dict[str, float] | None = None,
+    known: tuple[Sequence[Variable], dict[str, Array]] | None = None,
     tick: Callable[[], None] = lambda: None,
 ) -> Fitted:
-    """Levenberg-Marquardt with bounds and Gaussian priors; ends when a step gains less than a thousandth of the cost."""
+    """Levenberg-Marquardt with bounds and Gaussian priors; ends when a step gains less than a thousandth of the cost.
+
+    ``known``: variables whose columns are taken as given (they hardly change while a candidate is tried); only the others are differenced.
+    """
     variables = tuple(variables)
     p = place(p, variables, values_of(p, variables))
     base = bench.residuals(p)
@@ -116,7 +140,7 @@ def fit(
 
     at = values_of(p, variables)
     now, damping = cost(base, at), 1e-3
-    slope = jacobian(bench, p, variables, base)
+    slope = _slopes(bench, p, variables, base, known)
     normal = np.zeros((len(variables), len(variables)))
     for step in range(steps + 1):
         matrix = np.concatenate([slope[c] * (weights[c] / scales[c]) * (np.abs(base[c]) < CLIP * scales[c])[:, None] for c in scales])
@@ -145,6 +169,6 @@ def fit(
         tick()
         if not better or gain < 1e-3:
             break
-        slope = jacobian(bench, p, variables, base)
+        slope = _slopes(bench, p, variables, base, known)
     covariance = np.linalg.pinv(normal, hermitian=True) if len(variables) else np.zeros((0, 0))
     return Fitted(p, variables, base, covariance, slope)

@@ -88,7 +88,7 @@ def candidate(model: AxisModel, effect: Effect, h: Hypothesis, p: Array, reach: 
         elif f.name.endswith("order"):
             v = Variable(f.name, i, f.low, f.high, 1e-3)
             variables.append(v)
-            shapes.append([(v, o) for o in (*orders, *f.starts) if f.low <= o <= f.high])
+            shapes.append([(v, o) for o in dict.fromkeys((*orders, 1.0, f.starts[0])) if f.low <= o <= f.high])
         elif f.low > 0.0 or "damping" in f.name:
             v = Variable(f.name, i, f.low, f.high, 0.02 * f.starts[0])
             variables.append(v)
@@ -96,7 +96,8 @@ def candidate(model: AxisModel, effect: Effect, h: Hypothesis, p: Array, reach: 
         else:
             v = Variable(f.name, i, f.low, f.high, 0.3 * _size_of(f), nuisance=f.nuisance)
             variables.append(v)
-            linear.append([(f.name, s) for s in f.starts[:1]] if f.low < 0.0 else [(f.name, s) for s in f.starts])
+            few = f.starts[:1] if f.low < 0.0 or h.regimes[0] == "motor_phase" else f.starts
+            linear.append([(f.name, s) for s in few])
     variables += companions
     return Candidate(h.name, effect, h, tuple(variables), tuple(_groups(base, variables, linear, shapes)))
 
@@ -153,7 +154,10 @@ def nominal_variables(model: AxisModel, p: Array, reference: Array, sigma: float
         i = model.index(name)
         value = float(reference[i])
         if value != 0.0:
-            made.append(Variable(name, i, 0.5 * value, 2.0 * value, 0.02 * value, mean=value, sigma=sigma * value))
+            low = -2.0 * abs(value) if name == "cogging_nm" else 0.5 * value
+            # where the rotor stands at the zero of the resolver is not on a drawing: cogging may have either sign
+            width = 1.0 if name == "cogging_nm" and sigma >= NOMINAL_SIGMA else sigma
+            made.append(Variable(name, i, low, 2.0 * abs(value), 0.02 * abs(value), mean=value, sigma=width * abs(value)))
     if model.file.bare:
         return tuple(made)
     for name, phase in _PAIRS:

@@ -184,8 +184,11 @@ class Search:
     def refit(self, state: State, candidate: Candidate, start: Array, steps: int = 3) -> tuple[Fitted, Split]:
         """Nominal, named and candidate together."""
         base = state.fitted.residuals
+        own = {v.name for v in candidate.variables}
+        keep = [k for k, v in enumerate(state.fitted.variables) if v.name not in own]
+        known = [state.fitted.variables[k] for k in keep], {c: j[:, keep] for c, j in state.fitted.jacobian.items()}
         fitted = fit(
-            self.train, start, self.variables(start, state.named, candidate), steps=steps, scales=self.train.scales(base), weights=weights_of(base)
+            self.train, start, self.variables(start, state.named, candidate), steps=steps, scales=self.train.scales(base), weights=weights_of(base), known=known
         )
         return fitted, self.held.residuals(fitted.p)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,8 @@ COMMISSIONED_SIGMA = 0.01
 HELD_PART = 0.4
 """Part of the motions that is kept back where no log is given for it."""
 EXPLAINED = 0.5
+SUBSTEP_S = 2e-4
+"""Integration step while fitting: twice that of the plant, which costs less than the floor of any channel."""
 STAGES = ("find", "name", "add", "show")
 
 
@@ -71,7 +73,7 @@ def _bench(model: AxisModel, records: Sequence[Record], floor: dict[str, float],
 
 def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda text: None) -> Diagnosis:
     """Run the stages. The new model file is written to ``new_model`` and read back for the last one."""
-    model = task.model
+    model = replace(task.model, substep_s=SUBSTEP_S) if not task.model.file.bare else task.model
     tick("gate")
     gates: dict[str, Gate] = {}
     kept: dict[str, list[Record]] = {"logs": [], "commissioning": [], "held_out": []}
@@ -124,18 +126,28 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
     answer.effects = [_effect(model, n, state.fitted) for n in state.named] + [_random(r) for r in randoms]
     if task.last != "name":
         tick("add")
-        raw = document(model, state.p, state.fitted, state.named, "I: identified from " + ", ".join(f"{k} ({v})" for k, v in prints.items()))
+        raw = document(model, writable(state.p), state.fitted, state.named, "I: identified from " + ", ".join(f"{k} ({v})" for k, v in prints.items()))
         new_model.write_text(text(raw, _notes(state, prints, train)), encoding="utf-8")
         answer.model = new_model.name
     after: Split = state.held
     if task.last == "show":
         tick("show")
-        written = load_axis_model(new_model)
-        after = held.residuals(written.parameters())
+        after = held.residuals(load_axis_model(new_model).parameters())
     answer.gap = gaps(first.held, after, floor, task.seed)
     answer.curves = _curves(held, first.held, after)
     _conclude(answer, train, state, first, task.seed, bool(randoms))
     return answer
+
+
+def writable(p: Array) -> Array:
+    """Parameters as a file may hold them: cogging of negative sign is a ripple of the same order half a period on."""
+    q = p.copy()
+    if q[A.cogging_nm] < 0.0:
+        if q[A.ripple_nm] == 0.0:
+            q[A.ripple_nm], q[A.ripple_order], q[A.ripple_phase_rad], q[A.cogging_nm] = -q[A.cogging_nm], q[A.cogging_order], np.pi, 0.0
+        else:
+            q[A.cogging_nm] = 0.0
+    return q
 
 
 def _library(model: AxisModel, train: Bench, state: State) -> list[names.Candidate]:

@@ -38,7 +38,7 @@ def gaps(before: Split, after: Split, floor: dict[str, float], seed: int) -> dic
         if level <= 0.0 or a < OPEN * level:
             out[channel] = Gap(level, a, b, None, None, UNITS[channel])
             continue
-        parts = blocks(len(old), int(max(8, 4 * correlation_length(old))))
+        parts = blocks(len(old), int(max(8, 4 * correlation_length(old), len(old) // 150)))
         sums = np.array([[np.sum(old[i:j] ** 2), np.sum(new[i:j] ** 2), j - i] for i, j in parts])
         drawn = bootstrap(sums, DRAWS, rng)
         d = np.sqrt(drawn[:, :2] / drawn[:, 2:]) / level
