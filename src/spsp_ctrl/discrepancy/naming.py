@@ -18,6 +18,8 @@ TRAIN_SHARE, HELD_SHARE, WORSE = 0.15, 0.02, 0.02
 """Accepted: a channel loses this share of its excess in training, this share of its rms on held-out motion, and none gets worse by more than this."""
 CERTAIN_SHARE, CERTAIN_HELD, CERTAIN = 0.08, 0.04, 60.0
 """Or a smaller share of both that is beyond doubt: a real machine has many small faults, none of which is 15 % of what is left."""
+ABOVE = 1.1
+"""A channel nearer to its floor than this has nothing to name."""
 EVIDENCE = 12.0
 """Least gain of the score (difference of BIC)."""
 TWIN_EVIDENCE, TWIN_COSINE = 6.0, 0.95
@@ -89,7 +91,7 @@ class Search:
     # -- scores --------------------------------------------------------------------------------------------------------
     def score(self, residuals: Split, sizes: dict[str, float], count: int) -> float:
         """Sum over channels of independent samples times log variance, plus the price of the variables. Less is better."""
-        total = sum(sizes[c] * 2.0 * np.log(max(robust_rms(r), 0.5 * self.train.floor.get(c, 0.0), 1e-12)) for c, r in residuals.items())
+        total = sum(sizes[c] * 2.0 * np.log(max(robust_rms(r), self.train.floor.get(c, 0.0), 1e-12)) for c, r in residuals.items())
         return float(total + count * np.log(max(2.0, sum(sizes.values()))))
 
     def start(self, p: Array) -> State:
@@ -196,7 +198,7 @@ class Search:
         """The rule of acceptance; names the channel that gains most."""
         floor = self.train.floor
         shares = {c: excess_share(robust_rms(before[c]), robust_rms(after[c]), floor.get(c, 0.0)) for c in before}
-        above = [c for c in shares if robust_rms(before[c]) > 1.02 * floor.get(c, 0.0)]
+        above = [c for c in shares if robust_rms(before[c]) > ABOVE * floor.get(c, 0.0)]
         gains = {c: 1.0 - robust_rms(held_after[c]) / max(robust_rms(held_before[c]), 1e-15) for c in held_before}
         worse = [c for c in held_before if gains[c] < -WORSE and robust_rms(held_after[c]) > 1.05 * self.held.floor.get(c, 0.0)]
         share, held = (CERTAIN_SHARE, CERTAIN_HELD) if evidence >= CERTAIN else (TRAIN_SHARE, HELD_SHARE)
@@ -208,6 +210,8 @@ class Search:
         """One more name, or none."""
         taken = {n.candidate.name for n in state.named}
         candidates = [c for c in self.library(state) if c.name not in taken]
+        if all(robust_rms(r) <= ABOVE * self.train.floor.get(c, 0.0) for c, r in state.fitted.residuals.items()):
+            return None
         self.tick("screen")
         screened = self.screen(state, candidates)
         self.trace.append((f"after {len(state.named)}", [(c.name, gain) for gain, c, _ in screened]))

@@ -95,6 +95,8 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
         tick("floor")
         commissioned = _bench(model, kept["commissioning"], {})
         fitted = fit(commissioned, p, names.nominal_variables(model, p, p, sigma), steps=6, tick=lambda: tick("floor"))
+        again = names.nominal_variables(model, fitted.p, p, sigma)
+        fitted = fit(commissioned, fitted.p, again, steps=4, tick=lambda: tick("floor"))
         floor, quality = floors.from_commissioning(fitted.residuals), "measured"
         p = reference = fitted.p
         sigma = COMMISSIONED_SIGMA
