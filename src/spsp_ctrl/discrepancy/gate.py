@@ -108,7 +108,10 @@ def _units(gate: Gate, record: Record, model: AxisModel) -> None:
     if np.ptp(record.rows["current_a"]) == 0.0:
         gate.problems.append("current_a never changes: the channel is lacking")
         return
-    _ratio(gate, "current_a against command_a", slope(np.asarray(record.rows["command_a"], np.float64), np.asarray(record.rows["current_a"], np.float64)), 0.5)
+    command, current = np.asarray(record.rows["command_a"], np.float64), np.asarray(record.rows["current_a"], np.float64)
+    ratio = slope(command, current)  # a drive that saturates gives less than it is told, so only a ratio far off is a unit
+    if ratio < 0.0 or not 0.02 < ratio < 5.0:
+        _ratio(gate, "current_a against command_a", ratio)
 
 
 def slope(x: Array, y: Array) -> float:

@@ -18,8 +18,8 @@ TRAIN_SHARE, HELD_SHARE, WORSE = 0.15, 0.02, 0.02
 """Accepted: a channel loses this share of its excess in training, this share of its rms on held-out motion, and none gets worse by more than this."""
 CERTAIN_SHARE, CERTAIN_HELD, CERTAIN = 0.08, 0.04, 60.0
 """Or a smaller share of both that is beyond doubt: a real machine has many small faults, none of which is 15 % of what is left."""
-ABOVE = 1.1
-"""A channel nearer to its floor than this has nothing to name."""
+ABOVE, LATER = 1.15, 1.3
+"""A channel nearer to its floor than this has nothing to name; a floor is known to some per cent only, so later names need more."""
 EVIDENCE = 12.0
 """Least gain of the score (difference of BIC)."""
 TWIN_EVIDENCE, TWIN_COSINE = 6.0, 0.95
@@ -194,15 +194,15 @@ class Search:
         )
         return fitted, self.held.residuals(fitted.p)
 
-    def accepts(self, evidence: float, before: Split, after: Split, held_before: Split, held_after: Split) -> tuple[bool, str, dict[str, float]]:
+    def accepts(self, count: int, evidence: float, before: Split, after: Split, held_before: Split, held_after: Split) -> tuple[bool, str, dict[str, float]]:
         """The rule of acceptance; names the channel that gains most."""
-        floor = self.train.floor
+        floor, above = self.train.floor, LATER if count else ABOVE
         shares = {c: excess_share(robust_rms(before[c]), robust_rms(after[c]), floor.get(c, 0.0)) for c in before}
-        above = [c for c in shares if robust_rms(before[c]) > ABOVE * floor.get(c, 0.0)]
+        reach = [c for c in shares if robust_rms(before[c]) > above * floor.get(c, 0.0)]
         gains = {c: 1.0 - robust_rms(held_after[c]) / max(robust_rms(held_before[c]), 1e-15) for c in held_before}
         worse = [c for c in held_before if gains[c] < -WORSE and robust_rms(held_after[c]) > 1.05 * self.held.floor.get(c, 0.0)]
         share, held = (CERTAIN_SHARE, CERTAIN_HELD) if evidence >= CERTAIN else (TRAIN_SHARE, HELD_SHARE)
-        good = [c for c in above if (shares[c] >= TRAIN_SHARE and gains[c] >= HELD_SHARE) or (shares[c] >= share and gains[c] >= held)]
+        good = [c for c in reach if (shares[c] >= TRAIN_SHARE and gains[c] >= HELD_SHARE) or (shares[c] >= share and gains[c] >= held)]
         channel = max(good, key=lambda c: gains[c]) if good else ""
         return bool(good) and not worse, channel, shares
 
@@ -228,7 +228,7 @@ class Search:
         tried = []
         for candidate, fitted, held in refits:
             evidence = was - self.score(fitted.residuals, sizes, len(candidate.variables))
-            tried.append(Trial(evidence, candidate, fitted, held, *self.accepts(evidence, base, fitted.residuals, state.held, held)))
+            tried.append(Trial(evidence, candidate, fitted, held, *self.accepts(len(state.named), evidence, base, fitted.residuals, state.held, held)))
         tried.sort(key=lambda t: -t.evidence)
         good = [t for t in tried if t.accepted and t.evidence > EVIDENCE]
         physical = [t for t in good if not t.candidate.hypothesis.sentinel]

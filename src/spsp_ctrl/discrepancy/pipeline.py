@@ -26,7 +26,7 @@ from spsp_ctrl.plant.axis_model import AxisModel, load_axis_model
 from spsp_ctrl.plant.layout import A
 from spsp_ctrl.plant.model import effect_keys
 
-COMMISSIONED_SIGMA = 0.01
+COMMISSIONED_SIGMA = 0.005
 """Tolerance of a number that a commissioning log has calibrated: what a machine may change by itself until the next log."""
 HELD_PART = 0.4
 """Part of the motions that is kept back where no log is given for it."""
