@@ -228,6 +228,14 @@ def test_mistakes_are_named_with_their_place(tmp_path: Path, old: str, new: str,
     assert any(complaint in p.message and p.line > 1 for p in raised.value.problems)
 
 
+def test_an_effect_without_meaning_on_a_bare_axis_is_refused(tmp_path: Path) -> None:
+    text = (CONFIG / "axis-bare.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text.replace("effects: []", "effects:\n  - effect: backlash\n    parameters: {gap: {value: 5, unit: um}}\n"), encoding="utf-8")
+    with pytest.raises(ConfigError, match="has no meaning on a rigid mass"):
+        load_axis_model(path)
+
+
 def test_every_effect_of_an_axis_is_listed_once() -> None:
     assert {"backlash", "guide_slope", "clock_skew", "torque_offset"} <= {e.name for e in AXIS_EFFECTS}
     assert not {"hinge_friction", "imu_bias", "azimuth_backlash"} & {e.name for e in AXIS_EFFECTS}

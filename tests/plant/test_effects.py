@@ -22,7 +22,7 @@ from spsp_ctrl.plant.effects import BY_NAME, EFFECTS, HYPOTHESES, Hypothesis
 from spsp_ctrl.plant.effects.command_delay import HISTORY, delayed, remember
 from spsp_ctrl.plant.effects.friction_asymmetry import level_difference, viscous_difference
 from spsp_ctrl.plant.effects.velocity_saturation import folded
-from spsp_ctrl.plant.layout import A, L
+from spsp_ctrl.plant.layout import A, L, O
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 BENCH = load_axis_model(CONFIG / "axis.yaml")
@@ -146,6 +146,34 @@ def test_any_company_of_effects_stays_bounded(model: AxisModel, data: st.DataObj
     # what the largest torque gives in this time at the least inertia is about 5 m on the bare axis and the stops on the bench
     assert np.abs(y[:, OUT.travel_m]).max() < (10.0 if model.file.bare else 0.06)
     assert np.abs(y[:, OUT.motor_rad_s]).max() < 3e4
+
+
+ON_PLATFORM = [h for e in EFFECTS if e.kind != "axis" for h in e.hypotheses if h.name != "imu_delay"]
+"""The transport delay of a frame acts in the rig, not in the kernel."""
+BELOW: dict[str, float] = {"voltage_limit_v": 1.0, "current_ceiling_a": 0.1, "speed_ceiling_rad_s": 5.0}
+
+
+@pytest.mark.parametrize("h", ON_PLATFORM, ids=lambda h: h.name)
+def test_effect_acts_on_the_platform_too(h: Hypothesis) -> None:
+    plain = twin_run.platform_run(100, dict(h.along), 2.0)
+    sizes = {free.name: BELOW.get(free.name, free.starts[-1]) for free in h.free}
+    changed = twin_run.platform_run(100, dict(h.along) | sizes, 2.0)
+    assert np.isfinite(changed).all()
+    if not h.random:
+        assert np.abs(changed - plain).max() > 1e-6
+
+
+@settings(max_examples=30, deadline=None)
+@given(data=st.data())
+def test_any_company_of_effects_stays_bounded_on_the_platform(data: st.DataObject) -> None:
+    effects: dict[str, float] = {}
+    for h in data.draw(st.lists(st.sampled_from(ON_PLATFORM), min_size=1, max_size=12, unique=True)):
+        signed = {free.name: any(s < 0.0 for s in free.starts) or free.nuisance for free in h.free}
+        effects |= {free.name: data.draw(st.floats(free.low if signed[free.name] else max(free.low, 0.0), free.high)) for free in h.free}
+    y = twin_run.platform_run(150, effects, data.draw(st.floats(0.0, 6.0)))
+    assert np.isfinite(y).all()
+    joints = y[:-1, [O.joint_pitch_rad, O.joint_roll_rad]]
+    assert np.abs(joints).max() < 0.5, "beyond the stops"
 
 
 def test_the_plain_twins_agree_with_the_compiled_kernels() -> None:

@@ -63,12 +63,12 @@ def axis_run(name: str, cycles: int) -> Array:
     return model.simulate(p, u)
 
 
-def platform_run(cycles: int) -> Array:
-    """The platform on a still base, both legs driven."""
+def platform_run(cycles: int, effects: dict[str, float], current_a: float = 0.4) -> Array:
+    """The platform on a still base, both legs driven: outputs, and the state at the end."""
     p = load_model(CONFIG / "model.yaml").parameters()
     place = {q.name: i for i, q in enumerate(AXIS_PARAMETERS)}
     rig = {q.name: 2 * N_AXIS_PARAMETERS + i for i, q in enumerate(GLOBAL_PARAMETERS)}
-    for parameter, value in sizes().items():
+    for parameter, value in effects.items():
         if parameter in place:
             p[place[parameter]] = p[N_AXIS_PARAMETERS + place[parameter]] = value
         elif parameter in rig:
@@ -82,7 +82,7 @@ def platform_run(cycles: int) -> Array:
     commands, outs = np.zeros((cycles, N_COMMAND)), np.zeros((cycles, N_OUTPUT))
     k = np.arange(cycles)
     commands[:, C.enable] = commands[:, C.roll_velocity] = 1.0
-    commands[:, C.pitch_current], commands[:, C.roll_speed] = 0.4 * np.sin(0.5 * k), 30.0 * np.sin(0.4 * k)
+    commands[:, C.pitch_current], commands[:, C.roll_speed] = current_a * np.sin(0.5 * k), 30.0 * np.sin(0.4 * k)
     commands[:, C.azimuth_rate] = 0.1
     outs[0] = out
     kernel.rollout(x, p, rows, commands, outs, w, 10, 1e-3, 5, 0)
@@ -91,7 +91,7 @@ def platform_run(cycles: int) -> Array:
 
 def runs() -> dict[str, Array]:
     """All of them, short enough for plain Python."""
-    return {"axis.yaml": axis_run("axis.yaml", 40), "axis-bare.yaml": axis_run("axis-bare.yaml", 60), "model.yaml": platform_run(30)}
+    return {"axis.yaml": axis_run("axis.yaml", 40), "axis-bare.yaml": axis_run("axis-bare.yaml", 60), "model.yaml": platform_run(30, sizes())}
 
 
 if __name__ == "__main__":

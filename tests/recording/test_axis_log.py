@@ -12,6 +12,7 @@ from mcap_ros2.decoder import DecoderFactory
 from spsp_ctrl.messages import AxisSample
 from spsp_ctrl.recording.axis_writer import AxisLog
 from spsp_ctrl.recording.frames import TOPIC_NAMES
+from spsp_ctrl.recording.logtools import info
 from spsp_ctrl.recording.reader import digest_topics, messages, read_log
 from spsp_ctrl.recording.schema import CYCLIC, TOPICS
 
@@ -73,6 +74,15 @@ def test_an_unfinished_log_keeps_its_closed_chunks(tmp_path: Path) -> None:
     kept = data.topics["/axis"]
     assert 100 < len(kept) < 500
     assert kept.tobytes() == read_log(whole).topics["/axis"][: len(kept)].tobytes()
+
+
+def test_info_counts_missing_cycles(tmp_path: Path) -> None:
+    rows = samples(100)
+    with AxisLog(tmp_path / "a.mcap", rate_hz=RATE, controller="none") as log:
+        log.samples(row for row in rows if row.cycle not in (40, 41))
+    found = info(tmp_path / "a.mcap")
+    assert found.missing_cycles == 2
+    assert found.topics["/axis"]["messages"] == 98
 
 
 def test_unknown_controller_is_refused_before_a_file_is_made(tmp_path: Path) -> None:

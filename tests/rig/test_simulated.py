@@ -10,7 +10,7 @@ from tests.rig_contract import PERIOD_NS, Factory, contract, drive
 
 from spsp_ctrl.config.loader import load_rig, load_scenario
 from spsp_ctrl.config.scenario import Dropout
-from spsp_ctrl.plant.model import load_model
+from spsp_ctrl.plant.model import EffectEntry, PlantModel, Quantity, load_model
 from spsp_ctrl.rig.simulated import SimulatedRig
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -40,6 +40,13 @@ def test_dropout_withholds_imu_frames() -> None:
     ages = np.array([m.stamp_ns - m.imu.stamp_ns for m in seen[20:]]) / 1e6
     assert ages.max() >= 55.0
     assert seen[-1].stamp_ns - seen[-1].imu.stamp_ns <= 10 * PERIOD_NS
+
+
+def test_imu_delay_effect_adds_to_the_transport() -> None:
+    late = EffectEntry(effect="imu_delay", parameters={"imu_added_delay": Quantity(value=7.0, unit="ms")})
+    model = PlantModel(MODEL.file.model_copy(update={"effects": (*MODEL.file.effects, late)}), MODEL.path)
+    transport = [m.imu.received_ns - m.imu.stamp_ns for m in drive(SimulatedRig(RIG, model, SCENARIO, seed=1), 100, lambda k: 0.0)[50:]]
+    assert set(transport) == {12_000_000}
 
 
 def test_parked_platform_stays_put_with_the_drives_off() -> None:

@@ -66,7 +66,8 @@ def info(path: Path) -> LogInfo:
         topics[topic] = {"messages": float(len(rows)), "rate_hz": 0.0}
     for topic, count in data.others.items():
         topics[topic] = {"messages": float(count), "rate_hz": 0.0}
-    cycles = data.topics["/measurement"]["cycle"] if "/measurement" in data.topics else np.zeros(0, np.int64)
+    counted = next((topic for topic in ("/measurement", "/axis") if topic in data.topics), None)
+    cycles = data.topics[counted]["cycle"] if counted else np.zeros(0, np.int64)
     missing = int((np.diff(cycles) - 1).clip(0).sum()) if len(cycles) > 1 else 0
     start, end = min(starts, default=0.0), max(ends, default=0.0)
     return LogInfo(
