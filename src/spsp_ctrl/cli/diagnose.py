@@ -9,22 +9,46 @@ import click
 
 from spsp_ctrl.cli.common import EXIT_DATA, EXIT_USER, JSON, bar, guarded
 
-LOGS = {"multiple": True, "type": click.Path(path_type=Path), "metavar": "LOG"}
+FILE = click.Path(path_type=Path)
 
 
-@click.command(epilog="Example: spsp-ctrl diagnose train.mcap --model config/axis.yaml --commissioning new.mcap --held-out other.mcap --out diagnosis")
+@click.command(
+    epilog="Example: spsp-ctrl diagnose train.mcap --model config/axis.yaml --commissioning new.mcap --held-out other.mcap --out diagnosis"
+)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
 @click.option("--model", "-m", required=True, type=click.Path(path_type=Path), help="Model file of the axis, e.g. config/axis.yaml. Never changed.")
-@click.option("--out", "-o", required=True, type=click.Path(path_type=Path), metavar="DIR", help="New folder for diagnosis.json, model.yaml, report.html.")
-@click.option("--commissioning", help="Log of the same machine when nothing was wrong with it: sets the floor. May be repeated.", **LOGS)
-@click.option("--held-out", help="Log with other motion, only used to judge. Without it the last motions of LOG are kept back.", **LOGS)
+@click.option(
+    "--out", "-o", required=True, type=click.Path(path_type=Path), metavar="DIR", help="New folder for diagnosis.json, model.yaml, report.html."
+)
+@click.option(
+    "--commissioning",
+    help="Log of the same machine when nothing was wrong with it: sets the floor. May be repeated.",
+    multiple=True,
+    type=FILE,
+    metavar="LOG",
+)
+@click.option(
+    "--held-out",
+    help="Log with other motion, only used to judge. Without it the last motions of LOG are kept back.",
+    multiple=True,
+    type=FILE,
+    metavar="LOG",
+)
 @click.option("--stage", type=click.Choice(["find", "name", "add", "show"]), default="show", help="Last stage to run (default show, all of them).")
 @click.option("--seed", type=click.IntRange(0), default=1, help="Seed of the bootstrap (default 1). Same seed, same answer.")
 @click.option("--jobs", type=click.IntRange(1), default=1, help="Accepted for scripts; the work is done on one core.")
 @JSON
 @guarded
 def diagnose(
-    logs: tuple[Path, ...], model: Path, out: Path, commissioning: tuple[Path, ...], held_out: tuple[Path, ...], stage: str, seed: int, jobs: int, as_json: bool
+    logs: tuple[Path, ...],
+    model: Path,
+    out: Path,
+    commissioning: tuple[Path, ...],
+    held_out: tuple[Path, ...],
+    stage: str,
+    seed: int,
+    jobs: int,
+    as_json: bool,
 ) -> None:
     """Say where simulation and measurement part, name what the model is missing, write a new model and show how much of the gap is gone.
 
@@ -61,7 +85,7 @@ def diagnose(
             done += 1
             advance(done, max(40, done + 5))
 
-        answer = run(Task(axis, *sets, seed, stage), folder / "model.yaml", tick)
+        answer = run(Task(axis, sets[0], sets[1], sets[2], seed, stage), folder / "model.yaml", tick)
         answer.seconds = time.monotonic() - start
         (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n", encoding="utf-8")
         (folder / "report.html").write_text(page_of(answer, model.name, [p.name for p in logs]), encoding="utf-8")

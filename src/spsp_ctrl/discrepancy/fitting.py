@@ -170,5 +170,5 @@ def fit(
         if not better or gain < 1e-3:
             break
         slope = _slopes(bench, p, variables, base, known)
-    covariance = np.linalg.pinv(normal, hermitian=True) if len(variables) else np.zeros((0, 0))
+    covariance: Array = np.asarray(np.linalg.pinv(normal, hermitian=True), np.float64) if len(variables) else np.zeros((0, 0))
     return Fitted(p, variables, base, covariance, slope)

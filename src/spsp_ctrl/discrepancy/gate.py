@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import yaml
@@ -49,7 +50,7 @@ def judge(record: Record, model: AxisModel) -> Gate:
         gate.problems.append(f"the log has {record.rate_hz:g} Hz, the model {model.file.rate_hz:g} Hz")
     _time(gate, record)
     if rows["velocity_mode"].any():
-        gate.problems.append("the drive was in velocity mode: only logs in current mode are understood (a diagnosis of its speed loop is not built yet)")
+        gate.problems.append("the drive was in velocity mode: a diagnosis of its own speed loop is not built yet")
     if not rows["enabled"].all():
         gate.problems.append(f"the drive was off in {int((~rows['enabled']).sum())} cycles; cut the log to where it was on")
     _units(gate, record, model)
@@ -159,7 +160,7 @@ def _controller(gate: Gate, record: Record, model: AxisModel) -> None:
         )
 
 
-def _stated(record: Record, model: AxisModel) -> dict[str, float | str] | None:
+def _stated(record: Record, model: AxisModel) -> dict[str, Any] | None:
     c = model.file.controller
     if c.kind == "cascade":
         return {"feedback": c.feedback, "kp": c.kp_1_s, "kv": c.kv, "feedforward": c.feedforward, "limit": c.limit, "span": c.rate_span}

@@ -127,7 +127,7 @@ class Search:
                     d = np.concatenate([np.clip((after[c] - base[c]) / scales[c], -50, 50) * weights[c] for c in scales] + [np.zeros(rows)])
                     columns.append(d - basis @ (basis.T @ d))
                 matrix = np.stack(columns, axis=1)
-                factor = np.linalg.lstsq(matrix, -target, rcond=1e-9)[0]
+                factor = np.asarray(np.linalg.lstsq(matrix, -target, rcond=1e-9)[0], np.float64)
                 factor = self._bounded(candidate, group, factor)
                 left = target + matrix @ factor
                 gain = 0.0
@@ -190,11 +190,19 @@ class Search:
         keep = [k for k, v in enumerate(state.fitted.variables) if v.name not in own]
         known = [state.fitted.variables[k] for k in keep], {c: j[:, keep] for c, j in state.fitted.jacobian.items()}
         fitted = fit(
-            self.train, start, self.variables(start, state.named, candidate), steps=steps, scales=self.train.scales(base), weights=weights_of(base), known=known
+            self.train,
+            start,
+            self.variables(start, state.named, candidate),
+            steps=steps,
+            scales=self.train.scales(base),
+            weights=weights_of(base),
+            known=known,
         )
         return fitted, self.held.residuals(fitted.p)
 
-    def accepts(self, count: int, evidence: float, before: Split, after: Split, held_before: Split, held_after: Split) -> tuple[bool, str, dict[str, float]]:
+    def accepts(
+        self, count: int, evidence: float, before: Split, after: Split, held_before: Split, held_after: Split
+    ) -> tuple[bool, str, dict[str, float]]:
         """The rule of acceptance; names the channel that gains most."""
         floor, above = self.train.floor, LATER if count else ABOVE
         shares = {c: excess_share(robust_rms(before[c]), robust_rms(after[c]), floor.get(c, 0.0)) for c in before}
@@ -216,7 +224,7 @@ class Search:
         screened = self.screen(state, candidates)
         self.trace.append((f"after {len(state.named)}", [(c.name, gain) for gain, c, _ in screened]))
         base = state.fitted.residuals
-        refits = []
+        refits: list[tuple[Candidate, Fitted, Split]] = []
         for gain, candidate, start in screened[:BEST]:
             if gain < 0.0 and refits:
                 break
@@ -228,7 +236,9 @@ class Search:
         tried = []
         for candidate, fitted, held in refits:
             evidence = was - self.score(fitted.residuals, sizes, len(candidate.variables))
-            tried.append(Trial(evidence, candidate, fitted, held, *self.accepts(len(state.named), evidence, base, fitted.residuals, state.held, held)))
+            tried.append(
+                Trial(evidence, candidate, fitted, held, *self.accepts(len(state.named), evidence, base, fitted.residuals, state.held, held))
+            )
         tried.sort(key=lambda t: -t.evidence)
         good = [t for t in tried if t.accepted and t.evidence > EVIDENCE]
         physical = [t for t in good if not t.candidate.hypothesis.sentinel]
@@ -273,7 +283,9 @@ class Search:
             if after is None:
                 break
             late = after.named[-1]
-            head = next((n for n in after.named[:-1] if n.channel == late.channel and set(n.candidate.hypothesis.regimes) & set(late.candidate.hypothesis.regimes)), None)
+            regimes = set(late.candidate.hypothesis.regimes)
+            earlier = [n for n in after.named[:-1] if n.channel == late.channel]
+            head = next((n for n in earlier if regimes & set(n.candidate.hypothesis.regimes)), None)
             if head is not None and late.evidence < SAME_SHARE * head.evidence:
                 head.remarks.append(f"its shape is uncertain: {late.candidate.name} would gain {late.evidence / head.evidence:.1%} of what it gained")
                 break

@@ -10,8 +10,8 @@ import numpy as np
 
 from spsp_ctrl.discrepancy import floor as floors
 from spsp_ctrl.discrepancy import library as names
-from spsp_ctrl.discrepancy.fitting import Bench, Fitted, Split, fit, robust_rms
 from spsp_ctrl.discrepancy.find import find
+from spsp_ctrl.discrepancy.fitting import Bench, Fitted, Split, fit, robust_rms
 from spsp_ctrl.discrepancy.gate import Gate, filled, judge
 from spsp_ctrl.discrepancy.masks import order_lines
 from spsp_ctrl.discrepancy.model_writing import deviations, document, text
@@ -128,7 +128,9 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
     answer.effects = [_effect(model, n, state.fitted) for n in state.named] + [_random(r) for r in randoms]
     if task.last != "name":
         tick("add")
-        raw = document(model, writable(state.p), state.fitted, state.named, "I: identified from " + ", ".join(f"{k} ({v})" for k, v in prints.items()))
+        raw = document(
+            model, writable(state.p), state.fitted, state.named, "I: identified from " + ", ".join(f"{k} ({v})" for k, v in prints.items())
+        )
         new_model.write_text(text(raw, _notes(state, prints, train)), encoding="utf-8")
         answer.model = new_model.name
     after: Split = state.held

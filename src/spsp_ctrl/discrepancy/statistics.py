@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,7 @@ def blocks(n: int, length: int) -> list[tuple[int, int]]:
     """Consecutive blocks of about ``length`` samples that cover ``n``."""
     count = max(2, round(n / max(1, length)))
     edges = np.linspace(0, n, count + 1).astype(int)
-    return [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+    return [(int(a), int(b)) for a, b in pairwise(edges) if b > a]
 
 
 def bootstrap(sums: Array, draws: int, rng: np.random.Generator) -> NDArray[np.float64]:

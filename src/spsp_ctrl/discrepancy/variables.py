@@ -51,7 +51,9 @@ def place(p: Array, variables: Sequence[Variable], values: Array) -> Array:
     return q
 
 
-def pair(name: str, index: int, phase: int, high: float, step: float, p: Array, sigma: float = inf, nuisance: bool = False) -> tuple[Variable, Variable]:
+def pair(
+    name: str, index: int, phase: int, high: float, step: float, p: Array, sigma: float = inf, nuisance: bool = False
+) -> tuple[Variable, Variable]:
     """Amplitude and phase as two variables; the prior stands at what ``p`` has."""
     made = []
     for part in ("cos", "sin"):

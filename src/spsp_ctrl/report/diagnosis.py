@@ -37,7 +37,8 @@ def page_of(answer: Diagnosis, model: str, logs: list[str]) -> str:
         f'<div><span class="badge">{escape(model)}</span><span class="badge">floor {answer.floor_quality}</span></div></header>'
     )
     sections = [_verdict(answer), *_names(answer), *_gap(answer), *_regimes(answer), *_rest(answer)]
-    return page(f"Diagnosis: {answer.verdict}", header, sections, "Gap closed is judged on held-out data only, with the model file read back from disk.")
+    footer = "Gap closed is judged on held-out data only, with the model file read back from disk."
+    return page(f"Diagnosis: {answer.verdict}", header, sections, footer)
 
 
 def _verdict(answer: Diagnosis) -> str:
@@ -65,7 +66,9 @@ def _names(answer: Diagnosis) -> Iterator[str]:
         remarks = "; ".join(filter(None, [class_of(e) and f"cannot be told apart: {class_of(e)}", *e.remarks]))
         rows.append((str(k), escape(e.name), escape(e.stage), numbers, escape(e.channel), number(e.evidence, 0), share, escape(remarks)))
     head = ("", "name", "stage", "value ± σ", "channel", "evidence", "of its excess", "remarks")
-    yield section("Named", "In the order in which they were found; evidence is the gain of the score in BIC units, shares are of training.", table(head, rows, (5, 6)))
+    yield section(
+        "Named", "In the order in which they were found; evidence is the gain of the score (BIC), shares are of training.", table(head, rows, (5, 6))
+    )
 
 
 def _gap(answer: Diagnosis) -> Iterator[str]:
@@ -98,7 +101,8 @@ def _regimes(answer: Diagnosis) -> Iterator[str]:
         for f in answer.found[:20]
     ]
     head = ("channel", "regime", "rms", "energy", "enrichment", "p (family-wise)")
-    yield section("Found", "Where the recalibrated model and the training data part: enrichment is the share of energy over the share of time.", table(head, rows, (2, 3, 4, 5)))
+    lead = "Where the recalibrated model and the training data part: enrichment is the share of energy over the share of time."
+    yield section("Found", lead, table(head, rows, (2, 3, 4, 5)))
 
 
 def _rest(answer: Diagnosis) -> Iterator[str]:
