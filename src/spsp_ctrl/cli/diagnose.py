@@ -12,24 +12,20 @@ from spsp_ctrl.cli.common import EXIT_DATA, EXIT_USER, JSON, bar, guarded
 FILE = click.Path(path_type=Path)
 
 
-@click.command(
-    epilog="Example: spsp-ctrl diagnose train.mcap --model config/axis.yaml --commissioning new.mcap --held-out other.mcap --out diagnosis"
-)
+@click.command(epilog="Example: spsp-ctrl diagnose train.mcap --model config/axis.yaml --held-out other.mcap --out diagnosis")
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
 @click.option("--model", "-m", required=True, type=click.Path(path_type=Path), help="Model file of the axis, e.g. config/axis.yaml. Never changed.")
-@click.option(
-    "--out", "-o", required=True, type=click.Path(path_type=Path), metavar="DIR", help="New folder for diagnosis.json, model.yaml, report.html."
-)
+@click.option("--out", "-o", required=True, type=click.Path(path_type=Path), metavar="DIR", help="New folder for the results.")
 @click.option(
     "--commissioning",
-    help="Log of the same machine when nothing was wrong with it: sets the floor. May be repeated.",
+    help="Log of the machine as calibrated: sets the floor. Repeatable.",
     multiple=True,
     type=FILE,
     metavar="LOG",
 )
 @click.option(
     "--held-out",
-    help="Log with other motion, only used to judge. Without it the last motions of LOG are kept back.",
+    help="Log with other motion, only to judge; else the last motions are kept back.",
     multiple=True,
     type=FILE,
     metavar="LOG",

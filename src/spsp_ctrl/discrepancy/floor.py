@@ -41,7 +41,9 @@ def from_repeats(one: Replica, residuals: Split) -> dict[str, float] | None:
     period = period_of(np.asarray(one.record.rows["reference_m"], np.float64), one.record.rate_hz)
     spans: list[tuple[int, int]] = []
     if period:
-        spans = [(a, a + period) for a in range(one.skip, len(one.inputs) - period + 1, period)]
+        n = len(one.inputs)
+        length = min(period, n - one.skip - (n // period - 1) * period)  # without the settling start of the first lap
+        spans = [(one.skip + k * period, one.skip + k * period + length) for k in range(n // period)]
     else:
         laps = [m for m in one.record.motions if m.name == "repeat" and m.start >= one.skip]
         if len(laps) > 1:
