@@ -34,7 +34,10 @@ def _run(log: Path, out: Path, *more: str) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
-@pytest.mark.parametrize(("change", "text"), [({"ruler": 1000.0}, "a factor of 1000"), ({"ruler": -1.0}, "the sign is reversed"), ({"bad": 77}, "cycle 77")])
+WRONG = [({"ruler": 1000.0}, "a factor of 1000"), ({"ruler": -1.0}, "the sign is reversed"), ({"bad": 77}, "cycle 77")]
+
+
+@pytest.mark.parametrize(("change", "text"), WRONG)
 def test_a_log_that_is_not_understood_blames_no_plant(tmp_path: Path, change: dict[str, float], text: str) -> None:
     code, output = _run(_log(tmp_path / "a.mcap", **change), tmp_path / "out")
     assert code == 4

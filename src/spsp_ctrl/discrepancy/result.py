@@ -93,7 +93,9 @@ class Diagnosis:
             "verdict": self.verdict,
             "reason": self.reason,
             "floor_quality": self.floor_quality,
-            "gate": {name: {"problems": g.problems, "remarks": g.remarks, "controller_replay": g.controller_replay} for name, g in self.gates.items()},
+            "gate": {
+                name: {"problems": g.problems, "remarks": g.remarks, "controller_replay": g.controller_replay} for name, g in self.gates.items()
+            },
             "found": [
                 {"channel": f.channel, "stage": f.stage, "where": f.where, "regime": f.regime, "size": f.size, "unit": f.unit, "p_value": f.p_value,
                  "energy_share": f.share, "enrichment": f.enrichment}
