@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,7 +17,7 @@ def test_holm_never_sharpens_and_keeps_the_order(p: list[float]) -> None:
     adjusted = holm(p)
     assert all(a >= b for a, b in zip(adjusted, p, strict=True))
     order = np.argsort(p, kind="stable")
-    assert all(adjusted[i] <= adjusted[j] + 1e-15 for i, j in zip(order[:-1], order[1:], strict=True))
+    assert all(adjusted[i] <= adjusted[j] + 1e-15 for i, j in pairwise(order))
     assert all(a <= min(1.0, len(p) * b) + 1e-12 or a <= max(adjusted) for a, b in zip(adjusted, p, strict=True))
 
 
@@ -24,7 +26,7 @@ def test_blocks_cover_a_record_once(n: int, length: int) -> None:
     parts = blocks(n, length)
     assert parts[0][0] == 0
     assert parts[-1][1] == n
-    assert all(a[1] == b[0] for a, b in zip(parts[:-1], parts[1:], strict=True))
+    assert all(a[1] == b[0] for a, b in pairwise(parts))
 
 
 def test_correlated_samples_count_for_fewer() -> None:

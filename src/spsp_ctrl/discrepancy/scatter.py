@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from spsp_ctrl.discrepancy.replica import Replica
-from spsp_ctrl.plant.arrays import Array
 
 RATIO = 1.25
 """Scatter that counts as changed."""
@@ -69,8 +68,3 @@ def compare(now: Scatter, clean: Scatter) -> list[Random]:
         extra = float(np.sqrt(now.resolver_rad**2 - clean.resolver_rad**2))
         found.append(Random("resolver_noise", "res_noise_rad", extra, "rad", now.resolver_rad / clean.resolver_rad))
     return found
-
-
-def whole(values: Array) -> bool:
-    """Whether all readings are whole numbers of counts."""
-    return bool(np.all(values == np.round(values)))
