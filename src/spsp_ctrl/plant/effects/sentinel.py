@@ -62,7 +62,7 @@ def sentinel_torque(screw_angle: float, amplitude: float, phase: float) -> float
 
 @stage
 def parity_force(cycle: int, rate: float, level: float) -> float:
-    """Force in N against the motion of the load."""
-    if level == 0.0 or cycle % 2 == 0:
+    """Force in N against the motion of the load in odd cycles and with it in even ones: no friction in the mean."""
+    if level == 0.0:
         return 0.0
-    return level * rate / (abs(rate) + 1e-4)
+    return (level if cycle % 2 else -level) * rate / (abs(rate) + 1e-4)
