@@ -9,9 +9,9 @@ from typing import Any
 import jsonschema
 import pytest
 import yaml
-from tools import make_schemas
 
 from spsp_ctrl.config.loader import _construct
+from tools import make_schemas
 
 CONFIG = Path(__file__).parents[2] / "config"
 KIND = {name: f"{name}.schema.json" for name in ("rig", "scenario", "model", "axis", "import-map")}

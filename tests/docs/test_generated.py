@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import get_type_hints
 
 import pytest
-from tools import doc_words, make_docs
-from tools.doc_fields import unit_of
 
 from spsp_ctrl.plant.layout import COMMAND, SENSED, WORK
 from spsp_ctrl.recording.schema import TOPICS
+from tools import doc_words, make_docs
+from tools.doc_fields import unit_of
 
 PAGES = sorted(make_docs.DOCS.glob("*.md"))
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.records import Channel, Message
-from tools import make_fixtures
 
 from spsp_ctrl.experiments.replaying import replay_log
 from spsp_ctrl.messages import Mode
@@ -15,6 +14,7 @@ from spsp_ctrl.recording.reader import LogData, digest_topics, read_log, records
 from spsp_ctrl.recording.schema import TOPICS
 from spsp_ctrl.runtime.identity import law_digest
 from spsp_ctrl.safety.faults import BY_ID
+from tools import make_fixtures
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 NAMES = [fixture.name for fixture in make_fixtures.MADE]

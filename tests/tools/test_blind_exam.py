@@ -13,6 +13,8 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
+
+from spsp_ctrl.recording.reader import read_log
 from tools.blind_exam import catalogue, exam, logs, machine, sealing, subject, table
 from tools.blind_exam.__main__ import main
 from tools.blind_exam.case import SETS, Case, Item, build, draw, recalibration, simulate, visibility
@@ -20,8 +22,6 @@ from tools.blind_exam.ledger import Ledger
 from tools.blind_exam.physics import STEPS, I, run
 from tools.blind_exam.scoring import Share, quantile, score
 from tools.blind_exam.sensing import Climate
-
-from spsp_ctrl.recording.reader import read_log
 
 ROOT = Path(__file__).resolve().parents[2]
 NOMINAL = machine.nominal()

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from tools import design_gains
 
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.control.params import law_params
@@ -21,6 +20,7 @@ from spsp_ctrl.tuning import design as designing
 from spsp_ctrl.tuning.design import LAWS, Design, DesignSpec, attitude_gains, differences, rounded, shortfalls, speed_gains, with_law
 from spsp_ctrl.tuning.loops import AxisLoops
 from spsp_ctrl.tuning.plant_model import axis_plant
+from tools import design_gains
 
 ROOT = Path(__file__).parents[2]
 
