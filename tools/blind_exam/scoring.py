@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from tools.blind_exam.catalogue import LIBRARY, twins_of
+from tools.blind_exam.catalogue import twins_of
 from tools.blind_exam.subject import Finding, Named
 
 DETECTABLE = 1.5
@@ -99,8 +99,3 @@ def quantile(values: list[float], q: float) -> float | None:
     """Nearest-rank quantile; None without values."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, max(0, math.ceil(q * len(ordered)) - 1))] if ordered else None
-
-
-def effects_of_table() -> list[str]:
-    """Rows of the table by effect: every one of the library, also those that no case has met."""
-    return list(LIBRARY)

@@ -36,10 +36,6 @@ SUBSTEP_S = 2e-4
 STAGES = ("find", "name", "add", "show")
 
 
-class NotUnderstood(Exception):
-    """Logs that no plant may be judged by."""
-
-
 @dataclass(frozen=True)
 class Task:
     """What to diagnose."""

@@ -18,7 +18,7 @@ from pydantic import Field
 
 from spsp_ctrl.config.loader import ConfigError, ConfigProblem, Loaded, load_yaml_model
 from spsp_ctrl.config.scenario import Strict
-from spsp_ctrl.config.units import UNITS, spellings
+from spsp_ctrl.config.units import UNITS
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.axis import IN, N_OUT, axis_read, axis_rollout, axis_windows, driven_load, feedback, rest_state
 from spsp_ctrl.plant.axis_controller import MAX_SPAN
@@ -26,7 +26,7 @@ from spsp_ctrl.plant.effects import BY_NAME, EFFECTS, Hypothesis, Parameter
 from spsp_ctrl.plant.effects.guide_slope import ruler_error
 from spsp_ctrl.plant.effects.resolver_error import eccentric
 from spsp_ctrl.plant.layout import AXIS_BASE, AXIS_PARAMETERS, GLOBAL_BASE, LOAD_BASE, LOAD_EFFECTS, N_LOAD_MODEL, N_LOAD_STATE, A, G, L, X, Y
-from spsp_ctrl.plant.model import MODEL_SCHEMA, Location, Quantity, effect_keys, key, nearest
+from spsp_ctrl.plant.model import MODEL_SCHEMA, Location, Quantity, effect_keys, key, nearest, wrong_quantity
 
 SUBSTEP_S = 100e-6
 """Integration step of a full axis, as of the platform."""
@@ -279,13 +279,11 @@ def check(file: AxisFile) -> Iterator[tuple[Location, str]]:
             yield place, f"unknown parameter {name!r}" + nearest(name, list(keys))
             continue
         parameter = keys[name]
-        unit = UNITS.get(quantity.unit)
-        if unit is None or unit[0] != parameter.unit:
-            yield (*place, "unit"), f"{name}: unit {quantity.unit!r} does not fit, give one of {', '.join(spellings(parameter.unit))}"
-            continue
-        if not parameter.low <= quantity.value * unit[1] <= parameter.high:
-            low, high = parameter.low / unit[1], parameter.high / unit[1]
-            yield (*place, "value"), f"{name}: {quantity.value:g} {quantity.unit} is outside {low:g} to {high:g} {quantity.unit}"
+        wrong = wrong_quantity(parameter, name, quantity)
+        if wrong is not None:
+            yield (*place, wrong[0]), wrong[1]
+            if wrong[0] == "unit":
+                continue
         if place[0] == "effects" and parameter.name in seen:
             yield place, f"{name}: given twice (also in entry {seen[parameter.name][1]} of effects)"
         seen[parameter.name] = place

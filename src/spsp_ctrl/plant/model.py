@@ -144,6 +144,17 @@ def nearest(word: str, known: list[str]) -> str:
     return f"; did you mean {match[0]!r}?" if match else f"; known here: {', '.join(known)}"
 
 
+def wrong_quantity(parameter: Parameter, name: str, quantity: Quantity) -> tuple[str, str] | None:
+    """What is wrong with a number of a model file: the key that holds it (``unit`` or ``value``) and the text; None when nothing is."""
+    unit = UNITS.get(quantity.unit)
+    if unit is None or unit[0] != parameter.unit:
+        return "unit", f"{name}: unit {quantity.unit!r} does not fit, give one of {', '.join(spellings(parameter.unit))}"
+    if not parameter.low <= quantity.value * unit[1] <= parameter.high:
+        low, high = parameter.low / unit[1], parameter.high / unit[1]
+        return "value", f"{name}: {quantity.value:g} {quantity.unit} is outside {low:g} to {high:g} {quantity.unit}"
+    return None
+
+
 def check(file: ModelFile) -> Iterator[tuple[Location, str]]:
     """Everything that is wrong with a model beyond its form: place and text."""
     for i, entry in enumerate(file.effects):
@@ -157,14 +168,11 @@ def check(file: ModelFile) -> Iterator[tuple[Location, str]]:
             yield place, f"unknown parameter {name!r}" + nearest(name, list(keys))
             continue
         parameter = keys[name]
-        unit = UNITS.get(quantity.unit)
-        if unit is None or unit[0] != parameter.unit:
-            yield (*place, "unit"), f"{name}: unit {quantity.unit!r} does not fit, give one of {', '.join(spellings(parameter.unit))}"
-            continue
-        value = quantity.value * unit[1]
-        if not parameter.low <= value <= parameter.high:
-            low, high = parameter.low / unit[1], parameter.high / unit[1]
-            yield (*place, "value"), f"{name}: {quantity.value:g} {quantity.unit} is outside {low:g} to {high:g} {quantity.unit}"
+        wrong = wrong_quantity(parameter, name, quantity)
+        if wrong is not None:
+            yield (*place, wrong[0]), wrong[1]
+            if wrong[0] == "unit":
+                continue
         if place[0] == "effects":
             for index in _slots(parameter, per_axis, axis):
                 if index in seen:
