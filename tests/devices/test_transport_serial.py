@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tty
 from collections.abc import Iterator
+from contextlib import suppress
 
 import pytest
 
@@ -19,10 +20,8 @@ def ends() -> Iterator[tuple[int, str]]:
     tty.setraw(slave)
     yield master, os.ttyname(slave)
     for fd in (master, slave):
-        try:
+        with suppress(OSError):
             os.close(fd)
-        except OSError:
-            pass
 
 
 def test_all_that_is_there_comes_in_one_piece(ends: tuple[int, str]) -> None:
