@@ -46,7 +46,7 @@ def test_a_good_file_is_taken(tmp_path: Path) -> None:
         ("driver: bus", "driver: buss", ("rig.driver = 'buss'", "'simulated', 'bus'")),
         ("  driver: bus\n", "", ("key 'rig.driver' is missing",)),
         ("interface: udp", "interfac: udp", ("'rig.can.can0.interfac'; did you mean 'interface'?",)),
-        ("node: 2", "node: 1", ("rig.devices.drive_roll.node = 1 is taken by drive_pitch", ":20:")),
+        ("node: 2", "node: 1", ("rig.devices.drive_roll.node = 1 is taken by drive_pitch", ":19:29:")),
         ("azimuth: {serial: stepper}", "azimuth: {serial: imu}", ("each needs its own",)),
         ("azimuth: {serial: stepper}", "azimuth: {}", ("either `serial` or `bus`",)),
         ("azimuth: {serial: stepper}", "azimuth: {bus: can0, address: 2}", ("they must differ",)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -46,7 +46,7 @@ class CanBus(Strict):
     """Its channel: `can0`, `/dev/ttyACM0`, `239.74.163.2` …"""
     bitrate: int = Field(default=1_000_000, ge=10_000, le=1_000_000)
     """Bit/s; the load of the bus is computed with it."""
-    options: dict[str, Option] = {}
+    options: dict[str, Option] = Field(default_factory=dict)
     """Anything else that the interface wants."""
 
 
@@ -81,7 +81,7 @@ class CanNode(Strict):
     """Period of its heartbeat and of ours; a drive stops after three of ours are missing."""
     expect: Expected = Expected()
     """Who must answer."""
-    settings: dict[str, Option] = {}
+    settings: dict[str, Option] = Field(default_factory=dict)
     """What else the family wants to know."""
 
 
@@ -122,7 +122,7 @@ class ImuUnit(Strict):
     """One of `serial`."""
     expect: Expected = Expected()
     """Who must answer."""
-    settings: dict[str, Option] = {}
+    settings: dict[str, Option] = Field(default_factory=dict)
     """What else the family wants to know."""
 
 
@@ -147,7 +147,7 @@ class StepperModule(Strict):
     """It counts the other way; the travel switches change places."""
     expect: Expected = Expected()
     """Who must answer."""
-    settings: dict[str, Option] = {}
+    settings: dict[str, Option] = Field(default_factory=dict)
     """What else the family wants to know."""
 
 
@@ -190,9 +190,9 @@ class BusDriver(Strict):
     """Plant model file of a virtual rig, relative to this file."""
     seed: int = Field(default=1, ge=0, le=2**31 - 1)
     """Seed of a virtual rig."""
-    can: dict[Name, CanBus] = {}
+    can: dict[Name, CanBus] = Field(default_factory=dict)
     """CAN buses by name."""
-    serial: dict[Name, SerialLine] = {}
+    serial: dict[Name, SerialLine] = Field(default_factory=dict)
     """Serial lines by name."""
     devices: Devices
     """What is on them."""
@@ -205,7 +205,7 @@ class BusDriver(Strict):
 
     def _wrong_places(self) -> Iterator[tuple[tuple[str, ...], str]]:
         d = self.devices
-        used = [((name, "bus"), node.bus, self.can, "can") for name, node in d.nodes()]
+        used: list[tuple[tuple[str, str], str, Collection[str], str]] = [((name, "bus"), node.bus, self.can, "can") for name, node in d.nodes()]
         used.append((("imu", "serial"), d.imu.serial, self.serial, "serial"))
         if (d.azimuth.serial is None) == (d.azimuth.bus is None):
             yield ("devices", "azimuth"), "rig.devices.azimuth: give either `serial` or `bus`"

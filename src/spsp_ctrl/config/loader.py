@@ -315,7 +315,9 @@ def _problem(loaded: Loaded[Any], model: type[BaseModel], item: dict[str, Any]) 
         key = str(context.get("discriminator", "")).strip("'")
         given = value.get(key) if isinstance(value, dict) else None
         allowed = context.get("expected_tags") or ", ".join(repr(str(tag)) for tag in _tags(model, place))
-        text = f"{dotted}.{key} = {given!r}: it must be one of {allowed}" if given is not None else f"key '{dotted}.{key}' is missing; give one of {allowed}"
+        text = f"key '{dotted}.{key}' is missing; give one of {allowed}"
+        if given is not None:
+            text = f"{dotted}.{key} = {given!r}: it must be one of {allowed}"
         line, column = loaded.locate((*place, key))
     elif kind == "json_invalid":
         text = "holds text that is not valid Unicode"

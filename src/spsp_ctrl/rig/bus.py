@@ -1,0 +1,361 @@
+"""A rig on CAN buses and serial lines: hardware, the plant server in another process, or simulated devices in this one.
+
+Where answers come at once (inside this process, in lock-step) ``read`` sends SYNC k and has its answers. On wires an answer takes half a
+millisecond and nothing here may wait: there SYNC k closes cycle k-1, after its commands, and ``read`` of cycle k finds the answers. Either way
+inputs of SYNC k give the command that acts at SYNC k+1. Control time is that of the SYNCs: arrival stamps are put on it by the SYNCs' own times.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from math import isfinite, pi
+from typing import Any
+
+from spsp_ctrl.config.devices import BusDriver, DriveNode, Expected
+from spsp_ctrl.config.rig import Actuator, RigConfig
+from spsp_ctrl.devices import canopen_host as canopen
+from spsp_ctrl.devices.families.base import (
+    MASTER,
+    AngleFamily,
+    DriveFamily,
+    DriveSetup,
+    Frame,
+    Identity,
+    ImuFamily,
+    ImuSetup,
+    StepperFamily,
+    StepperSetup,
+)
+from spsp_ctrl.devices.families.registry import UnknownFamily, family
+from spsp_ctrl.devices.transport.base import CanTransport, SerialTransport
+from spsp_ctrl.messages import NO_BASE, NO_MEASUREMENT, NO_TEMPERATURE, AzimuthSample, BaseSample, Command, Measurement, TemperatureSample, Truth
+from spsp_ctrl.rig.base import RigError, RigIdentity
+from spsp_ctrl.rig.control_time import ControlTime
+from spsp_ctrl.rig.raw import Raw
+
+TEMPERATURE_HZ = 10
+START_UP_S = 15.0
+START_UP_NS = 20_000_000_000
+_new = tuple.__new__
+_OFF = (False, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class BusRig:
+    """See ``rig.base.Rig``. ``truth`` is where true states are known (simulated devices in this process)."""
+
+    def __init__(
+        self,
+        config: RigConfig,
+        can: Mapping[str, CanTransport],
+        serial: Mapping[str, SerialTransport],
+        truth: Callable[[int], Truth] | None = None,
+        warm_up: Callable[[], None] = lambda: None,
+    ) -> None:
+        assert isinstance(config.rig, BusDriver)
+        self._config = config
+        self._driver = config.rig
+        self._can, self._serial = dict(can), dict(serial)
+        self._truth = truth
+        self._warm_up = warm_up
+        lines = [*self._can.values(), *self._serial.values()]
+        self._immediate = all(line.immediate for line in lines)
+        self._period_ns = round(1e9 / config.rate_hz)
+        self._build()
+        self._time = ControlTime(self._period_ns)
+        self.raw = Raw()
+        self._azimuth_every = max(1, round(config.rate_hz / config.azimuth.rate_hz))
+        self._temperature_every = max(1, config.rate_hz // TEMPERATURE_HZ)
+        self._heartbeat_ns = min((node.heartbeat_ms for _, node in self._driver.devices.nodes()), default=20) * 1_000_000
+        self._next_heartbeat_ns = 0
+        self._opened: RigIdentity | None = None
+        self._stopped = False
+        self._enabled = False
+        self._cycle = -1
+        self._read_ns = -1
+        self._temperature = NO_TEMPERATURE
+        self._azimuth = AzimuthSample(0, -1, False, 0, 0.0, False, False, False)
+        self._measurement: Measurement = NO_MEASUREMENT
+
+    def _build(self) -> None:
+        """The families of the rig file."""
+        config, d = self._config, self._driver.devices
+        a = config.azimuth
+        try:
+            self._drives: tuple[DriveFamily, DriveFamily] = (
+                _drive(d.drive_pitch, config.pitch_actuator, config.rate_hz),
+                _drive(d.drive_roll, config.roll_actuator, config.rate_hz),
+            )
+            self._imu: ImuFamily = family("imu", d.imu.family)(d.imu, ImuSetup(config.imu.rate_hz, round(config.imu.delay_ms * 1e6)))
+            steps = StepperSetup(a.gear_ratio * a.full_steps_per_turn * a.microsteps / (2.0 * pi), a.microsteps)
+            self._stepper: StepperFamily = family("stepper", d.azimuth.family)(d.azimuth, steps)
+            self._angles: dict[str, AngleFamily] = {
+                name: family("angle", node.family)(node)
+                for name in ("resolver_pitch", "resolver_roll", "base_pitch", "base_roll", "base_yaw")
+                if (node := getattr(d, name)) is not None
+            }
+        except UnknownFamily as error:
+            raise RigError(str(error)) from None
+        names = {"drive_pitch": self._drives[0], "drive_roll": self._drives[1], **self._angles}
+        self._on_bus: dict[str, list[DriveFamily | AngleFamily]] = {name: [] for name in self._can}
+        for name, device in names.items():
+            self._on_bus[getattr(d, name).bus].append(device)
+        self._drives_on = {bus: [x for x in self._drives if x in members] for bus, members in self._on_bus.items()}
+        self._stepper_bus, self._stepper_line = d.azimuth.bus, d.azimuth.serial
+        self._bases = [self._angles.get(name) for name in ("base_pitch", "base_roll", "base_yaw")]
+        self._resolvers = [self._angles.get(name) for name in ("resolver_pitch", "resolver_roll")]
+        self.devices: dict[str, Any] = {**names, "imu": self._imu, "azimuth": self._stepper}
+        """Families by their name in the rig file."""
+
+    # ---- start and end ---------------------------------------------------------------------------------------------------
+
+    def open(self) -> RigIdentity:
+        """Identify, compare with the rig file, configure. Power stages come up to the step before current. May be called twice."""
+        if self._opened is None:
+            self._warm_up()
+            self.identify()
+            self._opened = self._identity()
+            for name, members in self._on_bus.items():
+                self._send_can(name, [frame for device in members for frame in device.operate()])
+                self._send_can(name, [frame for drive in self._drives_on[name] for frame in drive.prepare()])
+        if not self._immediate:
+            self._sync()
+            time.sleep(2e-9 * self._period_ns)
+        return self._opened
+
+    def identify(self) -> dict[str, Identity]:
+        """Start-up dialogues of all devices, side by side. No power. Raises ``RigError`` with every problem."""
+        begin = time.monotonic()
+        turn = 0
+        while any(not device.done and not device.problem for device in self.devices.values()):
+            now_ns = turn * 1_000_000 - START_UP_NS if self._immediate else time.monotonic_ns()
+            for name, bus in self._can.items():
+                frames = [(identifier, data) for _, identifier, data in bus.poll(now_ns)]
+                out = [frame for device in self._on_bus[name] if not device.done for frame in device.start_up(now_ns, frames)]
+                if name == self._stepper_bus and not self._stepper.done:
+                    out += self._stepper.start_up(now_ns, frames, b"")[0]
+                bus.send(out)
+            for name, line in self._serial.items():
+                data = b"".join(piece for _, piece in line.poll(now_ns))
+                if name == self._driver.devices.imu.serial and not self._imu.done:
+                    line.send(self._imu.start_up(now_ns, data))
+                elif name == self._stepper_line and not self._stepper.done:
+                    line.send(self._stepper.start_up(now_ns, [], data)[1])
+            if not self._immediate:
+                if time.monotonic() - begin > START_UP_S:
+                    break
+                time.sleep(0.0005)
+            turn += 1
+        problems = [f"{name}: {device.problem or 'does not answer'}" for name, device in self.devices.items() if device.problem or not device.done]
+        problems += [f"{name}: {text}" for name, device in self.devices.items() if device.done for text in self._strangers(name, device.identity)]
+        faults = [f"{name}: {line.fault.text}" for name, line in (*self._can.items(), *self._serial.items()) if line.fault.id]
+        if problems or faults:
+            raise RigError("\n".join([*faults, *problems]))
+        return {name: device.identity for name, device in self.devices.items()}
+
+    def _strangers(self, name: str, found: Identity) -> list[str]:
+        expect: Expected = getattr(self._driver.devices, name).expect
+        pairs = (("vendor", expect.vendor, found.vendor), ("product", expect.product, found.product), ("serial", expect.serial, found.serial))
+        return [f"another {word} answers: {got!r}, the rig file expects {want!r}" for word, want, got in pairs if want is not None and want != got]
+
+    def _identity(self) -> RigIdentity:
+        drive, imu = self._drives[0].identity, self._imu.identity
+        words = "; ".join(f"{name} {device.identity.product} {device.identity.serial}".strip() for name, device in self.devices.items())
+        virtual = self._driver.world != "hardware"
+        return RigIdentity(f"{drive.vendor}, {imu.vendor}", words, drive.serial, imu.firmware, virtual)
+
+    def facts(self) -> dict[str, Any]:
+        """What the devices said at start-up, as JSON: with it recorded frames can be decoded again."""
+        return {name: device.facts() for name, device in self.devices.items()}
+
+    def restore(self, facts: Mapping[str, Any]) -> None:
+        """Take the facts from a log instead of opening."""
+        for name, device in self.devices.items():
+            device.restore(facts[name])
+        self._opened = self._identity()
+
+    def stop(self) -> None:
+        """Power off, from any state. Cannot raise, and may be called twice."""
+        self._stopped = True
+        self._enabled = False
+        for name in self._can:
+            try:
+                self._send_can(name, [frame for drive in self._drives_on[name] for frame in drive.stop()])
+            except Exception:  # nothing may keep the others from being stopped
+                continue
+        try:
+            self._stepper.halt()
+            self._pump_stepper(self._read_ns, [], b"")
+            if not self._immediate:
+                self._sync()
+        except Exception:
+            return
+
+    def close(self) -> None:
+        """Let go of everything; the nodes no longer wait for our heartbeat."""
+        for name, members in self._on_bus.items():
+            try:
+                if self._opened is not None:
+                    self._send_can(name, [frame for device in members for frame in device.leave()])
+            except Exception:
+                continue
+        for line in (*self._can.values(), *self._serial.values()):
+            line.close()
+
+    def truth(self) -> Truth | None:
+        """See ``Rig``."""
+        return self._truth(self._read_ns) if self._truth is not None else None
+
+    # ---- the cycle -------------------------------------------------------------------------------------------------------
+
+    def read(self, now_ns: int) -> Measurement:
+        """See ``Rig``."""
+        if now_ns == self._read_ns:
+            return self._measurement
+        self._read_ns = now_ns
+        cycle = self._cycle = round(now_ns / self._period_ns)
+        if self._immediate:
+            for name, bus in self._can.items():
+                self._dispatch(name, bus, now_ns)
+            self._sync()
+        slot = cycle % self._azimuth_every == 0
+        if slot:
+            self._stepper.round()
+        if cycle % self._temperature_every == 0:
+            for drive in self._drives:
+                drive.ask_temperatures(now_ns)
+        seq = self._stepper.seq
+        for name, bus in self._can.items():
+            self._dispatch(name, bus, now_ns)
+            while out := [frame for drive in self._drives_on[name] for frame in drive.ask(now_ns)]:
+                self._send_can(name, out)
+                if not self._dispatch(name, bus, now_ns):
+                    break
+        for name, line in self._serial.items():
+            pieces = [(self._time.control_ns(t, now_ns) if not self._immediate else t, data) for t, data in line.poll(now_ns)]
+            for stamp, data in pieces:
+                self.raw.bytes_in(name, stamp, data)
+            if name == self._driver.devices.imu.serial:
+                for stamp, data in pieces:
+                    self._imu.receive(data, stamp)
+            elif name == self._stepper_line:
+                self._pump_stepper(now_ns, [], b"".join(data for _, data in pieces))
+        if self._stepper_bus is not None and self._stepper.seq == seq:
+            self._pump_stepper(now_ns, [], b"")
+        if self._stepper.seq != seq:
+            s = self._stepper
+            self._azimuth = AzimuthSample(
+                s.stamp_ns, s.seq, self._enabled, s.position_microsteps, s.rate_microsteps_s, s.positive_switch, s.negative_switch, s.home_switch
+            )
+        self._warmth(now_ns, cycle)
+        self._measurement = self._measure(now_ns, cycle)
+        return self._measurement
+
+    def _dispatch(self, name: str, bus: CanTransport, now_ns: int) -> int:
+        """Frames that have arrived to whom they belong; how many."""
+        arrived = bus.poll(now_ns)
+        stamp, seq = self._time.sync_ns, self._time.sync_seq
+        for t, identifier, data in arrived:
+            self.raw.frame_in(name, t if self._immediate else self._time.control_ns(t, now_ns), identifier, data)
+            frame = (identifier, data)
+            for device in self._on_bus[name]:
+                device.receive(frame, stamp, seq)
+            if name == self._stepper_bus:
+                self._pump_stepper(now_ns, [frame], b"")
+        return len(arrived)
+
+    def _pump_stepper(self, now_ns: int, frames: list[Frame], data: bytes) -> None:
+        """What the stepper sends and is sent, as often as answers come at once."""
+        while True:
+            out_frames, out_data = self._stepper.exchange(now_ns, frames, data)
+            frames, data = [], b""
+            if out_frames and self._stepper_bus is not None:
+                self._send_can(self._stepper_bus, out_frames)
+                if not self._immediate:
+                    return
+                self._dispatch(self._stepper_bus, self._can[self._stepper_bus], now_ns)
+                return
+            if not out_data or self._stepper_line is None:
+                return
+            line = self._serial[self._stepper_line]
+            line.send(out_data)
+            self.raw.bytes_out(self._stepper_line, now_ns, out_data)
+            if not self._immediate:
+                return
+            for t, piece in line.poll(now_ns):
+                self.raw.bytes_in(self._stepper_line, t, piece)
+                data += piece
+            if not data:
+                return
+
+    def _sync(self) -> None:
+        """SYNC on every bus with synchronous nodes; what follows is of that instant."""
+        if self._immediate:
+            self._time.exact(self._read_ns, self._cycle)
+        else:
+            self._time.sync(time.monotonic_ns(), self._cycle + 1)
+        for name, members in self._on_bus.items():
+            if members:
+                self._send_can(name, [canopen.SYNC_FRAME])
+
+    def _warmth(self, now_ns: int, cycle: int) -> None:
+        """A new temperature sample when the drives have answered."""
+        pitch, roll = self._drives
+        if pitch.temperatures_c is None or roll.temperatures_c is None:
+            return
+        seq = self._temperature.seq + 1 if self._temperature.seq >= 0 else cycle // self._temperature_every
+        self._temperature = TemperatureSample(
+            now_ns, seq, pitch.temperatures_c[0], roll.temperatures_c[0], pitch.temperatures_c[1], roll.temperatures_c[1]
+        )
+        pitch.temperatures_c = roll.temperatures_c = None
+
+    def _measure(self, now_ns: int, cycle: int) -> Measurement:
+        pitch, roll = self._drives
+        shafts = [drive.shaft if node is None else node.shaft for drive, node in zip(self._drives, self._resolvers, strict=True)]
+        base = NO_BASE
+        found = [node for node in self._bases if node is not None]
+        if found:
+            angles = [2.0 * pi / node.counts_per_turn * node.shaft.counts if node is not None else 0.0 for node in self._bases]
+            base = _new(BaseSample, (found[0].shaft.stamp_ns, found[0].shaft.seq, *angles))
+        return _new(Measurement, (now_ns, cycle, self._imu.imu, *shafts, pitch.drive, roll.drive, self._azimuth, self._temperature, base))
+
+    def write(self, command: Command, now_ns: int) -> Command:
+        """See ``Rig``. Commands first, then our heartbeat; on wires the SYNC closes the cycle."""
+        if self._stopped or not all(map(isfinite, command[3:])):
+            command = _new(Command, (*command[:2], *_OFF))
+        _, _, enable, pitch_a, pitch_rad_s, roll_a, roll_rad_s, azimuth_rad_s = command
+        beat = now_ns >= self._next_heartbeat_ns
+        if beat:
+            self._next_heartbeat_ns = now_ns + self._heartbeat_ns
+        orders = ((pitch_a, pitch_rad_s), (roll_a, roll_rad_s))
+        for name, drives in self._drives_on.items():
+            out = [frame for drive in drives for frame in drive.command(enable, *orders[drive is self._drives[1]], now_ns)]
+            if beat and self._on_bus[name]:
+                out.append(canopen.heartbeat(MASTER))
+            self._send_can(name, out)
+        if not enable and self._enabled:
+            self._stepper.halt()
+        elif enable and self._cycle % self._azimuth_every == 0:
+            self._stepper.rate(azimuth_rad_s)
+        self._enabled = enable
+        data = b""
+        if not self._immediate and self._stepper_line is not None:
+            for t, piece in self._serial[self._stepper_line].poll(now_ns):
+                self.raw.bytes_in(self._stepper_line, self._time.control_ns(t, now_ns), piece)
+                data += piece
+        self._pump_stepper(now_ns, [], data)
+        if not self._immediate:
+            self._sync()
+        return command
+
+    def _send_can(self, name: str, frames: list[Frame]) -> None:
+        if frames:
+            self._can[name].send(frames)
+            self.raw.frames_out(name, self._read_ns, frames)
+
+
+def _drive(node: DriveNode, actuator: Actuator, rate_hz: int) -> DriveFamily:
+    per_turn = node.counts_per_turn or 1 << actuator.resolver_bits
+    setup = DriveSetup(actuator.mode == "velocity", per_turn, actuator.torque_constant_nm_a, rate_hz)
+    found: DriveFamily = family("drive", node.family)(node, setup)
+    return found
