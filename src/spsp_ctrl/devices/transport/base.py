@@ -14,14 +14,16 @@ class Fault(NamedTuple):
     """What is wrong with a bus or line. ``id`` is empty while all is well."""
 
     id: str
-    """``queue-full``, ``bus-off``, ``error-passive``, ``unplugged``."""
+    """``queue-full``, ``bus-off``, ``error-passive``, ``unplugged`` … (``transport.trouble.FAULTS`` has them all)."""
     text: str
     """What happened, in words, with what to check."""
 
 
 ALL_WELL = Fault("", "")
+EXTENDED, REMOTE = 1 << 31, 1 << 30
+"""Flags of an identifier, as SocketCAN has them: 29 bits; a remote frame, which has no data."""
 Arrived = tuple[int, int, bytes]
-"""Time in ns, identifier, data."""
+"""Time in ns, identifier (with its flags), data."""
 Bytes = tuple[int, bytes]
 """Time in ns, data."""
 

@@ -1,0 +1,97 @@
+"""What is wrong with a device or a line, from the way it speaks: each watch names one trouble within its declared time. Time is an argument.
+
+A transport names what its driver knows (unplugged, bus-off, ``transport.trouble``), the judge of the safety stage what the numbers tell (a
+resolver that stands although its motor turns). These watches see what only bytes and frames tell: bytes that are no packets, two nodes that
+speak with one number, a device whose clock stands.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+GARBAGE_NS = 100_000_000
+"""Declared time of ``StreamWatch``: so long after the last good packet."""
+TWINS_SYNCS = 3
+"""Declared time of ``TwinWatch`` in SYNCs, within one second."""
+FROZEN_STAMP_NS = 50_000_000
+"""Declared time of ``StampWatch``."""
+
+
+class StreamWatch:
+    """Bytes arrive but no packets: ``garbage``, or ``wrong-baud`` when nothing was ever understood. Silence: ``silent``."""
+
+    def __init__(self, name: str, baud: int, patience_ns: int = GARBAGE_NS) -> None:
+        self._name, self._baud, self._patience_ns = name, baud, patience_ns
+        self._good_ns: int | None = None
+        self._heard_ns: int | None = None
+        self._begin_ns: int | None = None
+        self._bytes = 0
+        self._ever = False
+
+    def step(self, now_ns: int, heard_bytes: int, packets: int) -> tuple[str, str]:
+        """What has arrived since the last call; identifier and text, empty while all is well."""
+        if self._begin_ns is None:
+            self._begin_ns = now_ns
+        if heard_bytes:
+            self._heard_ns = now_ns
+            self._bytes += heard_bytes
+        if packets:
+            self._good_ns, self._bytes, self._ever = now_ns, 0, True
+        since = self._good_ns if self._good_ns is not None else self._begin_ns
+        if now_ns - since < self._patience_ns:
+            return "", ""
+        ms = (now_ns - since) // 1_000_000
+        if self._heard_ns is None or now_ns - self._heard_ns >= self._patience_ns:
+            return "silent", f"{self._name}: nothing arrives for {ms} ms; check supply, cable, and that the device streams"
+        if not self._ever:
+            text = f"{self._name}: {self._bytes} bytes in {ms} ms and not one packet at {self._baud} baud"
+            return "wrong-baud", f"{text}; the baud rate is probably another one, or another device is on this port"
+        return "garbage", f"{self._name}: {self._bytes} bytes in {ms} ms since the last packet; check the ground, the shield and the plug of the line"
+
+
+class TwinWatch:
+    """Two nodes with one number: more than one status after a SYNC, or a boot message of a node that is at work."""
+
+    def __init__(self, name: str, node: int) -> None:
+        self._name, self._node = name, node
+        self._in_this = 0
+        self._doubled: deque[int] = deque(maxlen=TWINS_SYNCS)
+        self._found = ""
+
+    def sync(self, now_ns: int) -> tuple[str, str]:
+        """A SYNC goes out: judge the one before. Identifier and text."""
+        if self._in_this > 1:
+            self._doubled.append(now_ns)
+        self._in_this = 0
+        if len(self._doubled) == TWINS_SYNCS and now_ns - self._doubled[0] < 1_000_000_000:
+            self._found = (
+                f"{self._name}: node {self._node} answers one SYNC more than once; two devices have the number {self._node}: "
+                "unplug one and give it another number"
+            )
+        return ("node-twice", self._found) if self._found else ("", "")
+
+    def status(self) -> None:
+        """A cyclic status of the node has arrived."""
+        self._in_this += 1
+
+
+class StampWatch:
+    """A device that goes on sending while its own clock stands."""
+
+    def __init__(self, name: str, patience_ns: int = FROZEN_STAMP_NS) -> None:
+        self._name, self._patience_ns = name, patience_ns
+        self._stamp: int | None = None
+        self._since_ns = 0
+        self._count = 0
+
+    def step(self, now_ns: int, device_ns: int) -> tuple[str, str]:
+        """A frame has arrived. Identifier and text; its data must not be used while there is one."""
+        if device_ns != self._stamp:
+            self._stamp, self._since_ns, self._count = device_ns, now_ns, 0
+            return "", ""
+        self._count += 1
+        if self._count < 3 or now_ns - self._since_ns < self._patience_ns:
+            return "", ""
+        return "frozen-stamp", (
+            f"{self._name}: {self._count + 1} frames carry the same time stamp; its filter has stopped: switch it off and on, check its firmware"
+        )
