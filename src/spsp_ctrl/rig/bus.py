@@ -32,6 +32,7 @@ from spsp_ctrl.devices.transport.base import CanTransport, SerialTransport
 from spsp_ctrl.messages import NO_BASE, NO_MEASUREMENT, NO_TEMPERATURE, AzimuthSample, BaseSample, Command, Measurement, TemperatureSample, Truth
 from spsp_ctrl.rig.base import RigError, RigIdentity
 from spsp_ctrl.rig.control_time import ControlTime
+from spsp_ctrl.rig.line_watch import LineWatch, Note
 from spsp_ctrl.rig.raw import Raw
 
 TEMPERATURE_HZ = 10
@@ -62,6 +63,7 @@ class BusRig:
         self._immediate = all(line.immediate for line in lines)
         self._period_ns = round(1e9 / config.rate_hz)
         self._build()
+        self._watch = LineWatch(self._driver, self._can, self._serial)
         self._time = ControlTime(self._period_ns)
         self.raw = Raw()
         self._azimuth_every = max(1, round(config.rate_hz / config.azimuth.rate_hz))
@@ -206,6 +208,10 @@ class BusRig:
         """See ``Rig``."""
         return self._truth(self._read_ns) if self._truth is not None else None
 
+    def notes(self) -> list[Note]:
+        """Troubles of buses, lines and nodes that began or ended since the last call."""
+        return self._watch.notes()
+
     # ---- the cycle -------------------------------------------------------------------------------------------------------
 
     def read(self, now_ns: int) -> Measurement:
@@ -236,8 +242,11 @@ class BusRig:
             for stamp, data in pieces:
                 self.raw.bytes_in(name, stamp, data)
             if name == self._driver.devices.imu.serial:
+                before = self._imu.imu
                 for stamp, data in pieces:
                     self._imu.receive(data, stamp)
+                fresh = self._imu.imu
+                self._watch.imu(now_ns, sum(len(data) for _, data in pieces), self._imu.device_ns if fresh is not before else None)
             elif name == self._stepper_line:
                 self._pump_stepper(now_ns, [], b"".join(data for _, data in pieces))
         if self._stepper_bus is not None and self._stepper.seq == seq:
@@ -248,6 +257,7 @@ class BusRig:
                 s.stamp_ns, s.seq, self._enabled, s.position_microsteps, s.rate_microsteps_s, s.positive_switch, s.negative_switch, s.home_switch
             )
         self._warmth(now_ns, cycle)
+        self._watch.step()
         self._measurement = self._measure(now_ns, cycle)
         return self._measurement
 
@@ -256,6 +266,7 @@ class BusRig:
         arrived = bus.poll(now_ns)
         stamp, seq = self._time.sync_ns, self._time.sync_seq
         for t, identifier, data in arrived:
+            self._watch.frame(name, identifier)
             self.raw.frame_in(name, t if self._immediate else self._time.control_ns(t, now_ns), identifier, data)
             frame = (identifier, data)
             for device in self._on_bus[name]:
@@ -294,6 +305,7 @@ class BusRig:
             self._time.exact(self._read_ns, self._cycle)
         else:
             self._time.sync(time.monotonic_ns(), self._cycle + 1)
+        self._watch.sync(self._read_ns)
         for name, members in self._on_bus.items():
             if members:
                 self._send_can(name, [canopen.SYNC_FRAME])
