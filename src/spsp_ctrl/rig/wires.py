@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,8 +19,9 @@ CanFilter = Callable[[str, CanTransport], CanTransport]
 
 
 def is_terminal(port: str) -> bool:
-    """A pseudo-terminal: its other end is a program, never a device."""
-    return os.path.realpath(port).startswith("/dev/pts/")
+    """A pseudo-terminal: its other end is a program, never a device. Also the name of one that is not there yet (the plant server makes a link)."""
+    real = os.path.realpath(port)
+    return re.fullmatch(r"/dev/pts/\d+", real) is not None or (not real.startswith("/dev/") and not os.path.exists(real))
 
 
 def is_virtual_can(channel: str, net: Path = Path("/sys/class/net")) -> bool:
