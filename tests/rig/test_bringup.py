@@ -105,7 +105,8 @@ def on_wires(world: str = "hardware", interface: str = "socketcan", channel: str
         "can": {"can0": {"interface": interface, "channel": channel, **more}},
         "serial": {"imu": {"port": port}, "stepper": {"port": port + "x"}},
     }
-    return config.model_copy(update={"rig": BusDriver.model_validate(data), "rate_hz": 500, "azimuth": config.azimuth.model_copy(update={"rate_hz": 50.0})})
+    azimuth = config.azimuth.model_copy(update={"rate_hz": 50.0})
+    return config.model_copy(update={"rig": BusDriver.model_validate(data), "rate_hz": 500, "azimuth": azimuth})
 
 
 def machine(tmp_path: Path, modules: tuple[str, ...] = ("can", "can_raw"), **interfaces: str) -> Host:

@@ -76,7 +76,7 @@ class Drive:
         self.node = Node(number, objects)
         self.node.on_sync = self._latch
         self.node.on_loss = self._lost
-        self.motor = MotorReading(0, 0)
+        self._motor = MotorReading(0, 0)
         self.state = T.SWITCH_ON_DISABLED
         self._word = 0
         self._show()
@@ -91,6 +91,17 @@ class Drive:
         if mode == T.CST:
             return DriveCommand(True, mode, value[T.TARGET_TORQUE], 0)
         return DriveCommand(True, mode, value[T.TORQUE_OFFSET], value[T.TARGET_VELOCITY])
+
+    @property
+    def motor(self) -> MotorReading:
+        """What the sensors of the drive read."""
+        return self._motor
+
+    @motor.setter
+    def motor(self, reading: MotorReading) -> None:
+        self._motor = reading
+        if self.node.state != T.OPERATIONAL:  # no SYNC counts yet: objects show what is
+            self._latch()
 
     def warm(self, first_c: float, second_c: float) -> None:
         """Set the temperature inputs."""

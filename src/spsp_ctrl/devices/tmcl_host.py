@@ -150,7 +150,7 @@ class Stepper:
 
     TIMEOUT_NS = 50_000_000
 
-    def __init__(self, motor: int = 0, unit: SpeedUnit | None = None) -> None:
+    def __init__(self, motor: int = 0, unit: SpeedUnit | None = None, *, paced: bool = False) -> None:
         self._motor = motor
         self._unit = unit or SpeedUnit()
         self._waiting: Request | None = None
@@ -159,8 +159,8 @@ class Stepper:
         self._values = dict.fromkeys(_ASKED, 0)
         self._round_ns = 0
         self._order: Request | None = None
-        self._paced = False
-        self._due = True
+        self._paced = paced
+        self._due = not paced
         self.reading = StepperReading(0, 0.0, False, False, False, 0, -1)
         self.lost = 0
         """Requests without an answer."""
@@ -178,8 +178,8 @@ class Stepper:
         self._order = stop(self._motor)
 
     def ask_again(self) -> None:
-        """Ask for everything once. From the first call on nothing is asked without it; before, rounds follow each other."""
-        self._paced = self._due = True
+        """Ask for everything once more. A stepper that is ``paced`` asks nothing without it; else rounds follow each other."""
+        self._due = True
 
     def step(self, now_ns: int, replies: Iterable[Reply]) -> Request | None:
         """Take what has arrived; the request to send now, if any."""

@@ -71,6 +71,8 @@ class BusRig:
         self._heartbeat_ns = min((node.heartbeat_ms for _, node in self._driver.devices.nodes()), default=20) * 1_000_000
         self._next_heartbeat_ns = 0
         self._opened: RigIdentity | None = None
+        self._stepper_frames: list[Frame] = []
+        self._stepper_bytes = b""
         self._stopped = False
         self._enabled = False
         self._cycle = -1
@@ -187,7 +189,7 @@ class BusRig:
                 continue
         try:
             self._stepper.halt()
-            self._pump_stepper(self._read_ns, [], b"")
+            self._pump_stepper(self._read_ns)
             if not self._immediate:
                 self._sync()
         except Exception:
@@ -230,7 +232,6 @@ class BusRig:
         if cycle % self._temperature_every == 0:
             for drive in self._drives:
                 drive.ask_temperatures(now_ns)
-        seq = self._stepper.seq
         for name, bus in self._can.items():
             self._dispatch(name, bus, now_ns)
             while out := [frame for drive in self._drives_on[name] for frame in drive.ask(now_ns)]:
@@ -238,20 +239,17 @@ class BusRig:
                 if not self._dispatch(name, bus, now_ns):
                     break
         for name, line in self._serial.items():
-            pieces = [(self._time.control_ns(t, now_ns) if not self._immediate else t, data) for t, data in line.poll(now_ns)]
-            for stamp, data in pieces:
-                self.raw.bytes_in(name, stamp, data)
-            if name == self._driver.devices.imu.serial:
-                before = self._imu.imu
-                for stamp, data in pieces:
+            before, heard = self._imu.imu, 0
+            for stamp, data in self._arrived(name, line, now_ns):
+                if name == self._driver.devices.imu.serial:
+                    heard += len(data)
                     self._imu.receive(data, stamp)
-                fresh = self._imu.imu
-                self._watch.imu(now_ns, sum(len(data) for _, data in pieces), self._imu.device_ns if fresh is not before else None)
-            elif name == self._stepper_line:
-                self._pump_stepper(now_ns, [], b"".join(data for _, data in pieces))
-        if self._stepper_bus is not None and self._stepper.seq == seq:
-            self._pump_stepper(now_ns, [], b"")
-        if self._stepper.seq != seq:
+                elif name == self._stepper_line:
+                    self._stepper_bytes += data
+            if name == self._driver.devices.imu.serial:
+                self._watch.imu(now_ns, heard, self._imu.device_ns if self._imu.imu is not before else None)
+        self._pump_stepper(now_ns)
+        if self._stepper.seq != self._azimuth.seq:
             s = self._stepper
             self._azimuth = AzimuthSample(
                 s.stamp_ns, s.seq, self._enabled, s.position_microsteps, s.rate_microsteps_s, s.positive_switch, s.negative_switch, s.home_switch
@@ -272,32 +270,36 @@ class BusRig:
             for device in self._on_bus[name]:
                 device.receive(frame, stamp, seq)
             if name == self._stepper_bus:
-                self._pump_stepper(now_ns, [frame], b"")
+                self._stepper_frames.append(frame)
         return len(arrived)
 
-    def _pump_stepper(self, now_ns: int, frames: list[Frame], data: bytes) -> None:
-        """What the stepper sends and is sent, as often as answers come at once."""
+    def _arrived(self, name: str, line: SerialTransport, now_ns: int) -> list[tuple[int, bytes]]:
+        """Bytes that have arrived, on the control clock."""
+        found = [(t if self._immediate else self._time.control_ns(t, now_ns), data) for t, data in line.poll(now_ns)]
+        for stamp, data in found:
+            self.raw.bytes_in(name, stamp, data)
+        return found
+
+    def _pump_stepper(self, now_ns: int) -> None:
+        """What the stepper has sent and is sent, as often as answers come at once."""
         while True:
+            frames, self._stepper_frames = self._stepper_frames, []
+            data, self._stepper_bytes = self._stepper_bytes, b""
             out_frames, out_data = self._stepper.exchange(now_ns, frames, data)
-            frames, data = [], b""
-            if out_frames and self._stepper_bus is not None:
+            if self._stepper_bus is not None and out_frames:
                 self._send_can(self._stepper_bus, out_frames)
-                if not self._immediate:
-                    return
-                self._dispatch(self._stepper_bus, self._can[self._stepper_bus], now_ns)
+            elif self._stepper_line is not None and out_data:
+                self._serial[self._stepper_line].send(out_data)
+                self.raw.bytes_out(self._stepper_line, now_ns, out_data)
+            else:
                 return
-            if not out_data or self._stepper_line is None:
-                return
-            line = self._serial[self._stepper_line]
-            line.send(out_data)
-            self.raw.bytes_out(self._stepper_line, now_ns, out_data)
             if not self._immediate:
                 return
-            for t, piece in line.poll(now_ns):
-                self.raw.bytes_in(self._stepper_line, t, piece)
-                data += piece
-            if not data:
-                return
+            if self._stepper_bus is not None:
+                self._dispatch(self._stepper_bus, self._can[self._stepper_bus], now_ns)
+            elif self._stepper_line is not None:
+                for _, piece in self._arrived(self._stepper_line, self._serial[self._stepper_line], now_ns):
+                    self._stepper_bytes += piece
 
     def _sync(self) -> None:
         """SYNC on every bus with synchronous nodes; what follows is of that instant."""
@@ -350,12 +352,10 @@ class BusRig:
         elif enable and self._cycle % self._azimuth_every == 0:
             self._stepper.rate(azimuth_rad_s)
         self._enabled = enable
-        data = b""
-        if not self._immediate and self._stepper_line is not None:
-            for t, piece in self._serial[self._stepper_line].poll(now_ns):
-                self.raw.bytes_in(self._stepper_line, self._time.control_ns(t, now_ns), piece)
-                data += piece
-        self._pump_stepper(now_ns, [], data)
+        if not self._immediate and self._stepper_line is not None:  # an answer to what ``read`` asked may be here already
+            for _, piece in self._arrived(self._stepper_line, self._serial[self._stepper_line], now_ns):
+                self._stepper_bytes += piece
+        self._pump_stepper(now_ns)
         if not self._immediate:
             self._sync()
         return command

@@ -25,7 +25,8 @@ class TmclStepper:
         self._on_can = module.bus is not None
         self._address, self._host, self._motor = module.address, module.host, module.motor
         self._sign = -1 if module.reversed else 1
-        self._stepper = host.Stepper(module.motor, host.SpeedUnit(-1 if module.pulse_divisor is None else module.pulse_divisor))
+        unit = host.SpeedUnit(-1 if module.pulse_divisor is None else module.pulse_divisor)
+        self._stepper = host.Stepper(module.motor, unit, paced=True)
         self._replies = host.SerialReplies(module.host, module.address)
         self._asked = 0
         self._sent_ns = 0
