@@ -190,6 +190,8 @@ class BusDriver(Strict):
     """Plant model file of a virtual rig, relative to this file."""
     seed: int = Field(default=1, ge=0, le=2**31 - 1)
     """Seed of a virtual rig."""
+    truth: str | None = Field(default=None, max_length=200)
+    """File in memory (`/dev/shm/…`) through which `spsp-ctrl plant serve` tells true states, for the log of a virtual rig only."""
     can: dict[Name, CanBus] = Field(default_factory=dict)
     """CAN buses by name."""
     serial: dict[Name, SerialLine] = Field(default_factory=dict)
@@ -201,6 +203,7 @@ class BusDriver(Strict):
         """What no single key can know: place below ``rig`` and text."""
         yield from self._wrong_places()
         yield from self._doubles()
+        yield from self._wrong_truth()
         yield from self._wrong_world()
 
     def _wrong_places(self) -> Iterator[tuple[tuple[str, ...], str]]:
@@ -239,6 +242,10 @@ class BusDriver(Strict):
             other = ports.setdefault(line.port if line.port != LOCKSTEP else name, name)
             if other != name:
                 yield ("serial", name, "port"), f"rig.serial.{name}: {line.port} is already the line {other!r}"
+
+    def _wrong_truth(self) -> Iterator[tuple[tuple[str, ...], str]]:
+        if self.truth is not None and self.world != "served":
+            yield ("truth",), f"rig.truth: `world: {self.world}` has no plant in another process; delete it"
 
     def _wrong_world(self) -> Iterator[tuple[tuple[str, ...], str]]:
         """A simulated session names no hardware, and hardware no simulation."""

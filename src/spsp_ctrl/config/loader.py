@@ -16,8 +16,9 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from spsp_ctrl.config.import_map import IMPORT_MAP_SCHEMA, ImportMap, problems
-from spsp_ctrl.config.rig import MECHANISM_SCHEMA, RIG_SCHEMA, MechanismFile, RigConfig
+from spsp_ctrl.config.rig import MECHANISM_SCHEMA, RIG_SCHEMA, BusDriver, MechanismFile, RigConfig
 from spsp_ctrl.config.scenario import SCENARIO_SCHEMA, Scenario
+from spsp_ctrl.config.served import SERVED_SCHEMA, ServedFile
 from spsp_ctrl.config.tolerances import TOLERANCES_SCHEMA, TRANSMISSION_SCHEMA, ToleranceFile, TransmissionFile
 
 M = TypeVar("M", bound=BaseModel)
@@ -34,6 +35,7 @@ KINDS = {
     TOLERANCES_SCHEMA: "a tolerance file",
     TRANSMISSION_SCHEMA: "a transmission file",
     IMPORT_MAP_SCHEMA: "an import map",
+    SERVED_SCHEMA: "a plant server file",
 }
 
 
@@ -362,6 +364,29 @@ def load_import_map(path: Path) -> Loaded[ImportMap]:
     if found:
         raise ConfigError(sorted(found, key=lambda p: (p.line, p.column)))
     return loaded
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """A plant server file with the files that it names."""
+
+    rig: RigConfig
+    driver: BusDriver
+    scenario: Path
+    model: Path
+
+
+def load_served(path: Path, overrides: Sequence[str] = ()) -> Served:
+    """A plant server file and its rig file, over which ``overrides`` are laid; the rig must be one that is served."""
+    loaded = load_yaml_model(path, ServedFile, SERVED_SCHEMA)
+    rig = load_rig(resolve_reference(loaded, ("rig",)))
+    if overrides:
+        rig = apply_overrides(rig, overrides)
+    driver = rig.model.rig
+    if not isinstance(driver, BusDriver) or driver.world != "served":
+        line, column = rig.locate(("rig", "world"))
+        raise ConfigError([ConfigProblem(rig.path, line, column, "only a rig with `driver: bus` and `world: served` can be served")])
+    return Served(rig.model, driver, resolve_reference(loaded, ("scenario",)), resolve_reference(rig, ("rig", "model")))
 
 
 def resolve_reference(loaded: Loaded[Any], place: Location) -> Path:

@@ -211,8 +211,14 @@ def step(
     pitch_rad, roll_rad, heading = state.pitch_rad, state.roll_rad, state.heading_rad
     platform_pitch_rate, platform_roll_rate = state.pitch_rate, state.roll_rate
     if imu.seq != seq and imu.valid:
-        back = round((now_ns - imu.stamp_ns) * 1e-9 / p.period_s)
-        j0, j1, j2, j3, j4, j5 = history[max(0, len(history) - 1 - back)]
+        back, rest_ns = divmod(max(0, now_ns - imu.stamp_ns), round(p.period_s * 1e9))
+        last = len(history) - 1
+        j0, j1, j2, j3, j4, j5 = history[max(0, last - back)]
+        if rest_ns and back < last:  # between two cycles
+            w = rest_ns * 1e-9 / p.period_s
+            i0, i1, i2, i3, i4, i5 = history[last - back - 1]
+            j0, j1, j2 = j0 + w * (i0 - j0), j1 + w * (i1 - j1), j2 + w * (i2 - j2)
+            j3, j4, j5 = j3 + w * (i3 - j3), j4 + w * (i4 - j4), j5 + w * (i5 - j5)
         gyro = (imu.gyro_x_rad_s, imu.gyro_y_rad_s, imu.gyro_z_rad_s)
         seen = base_observer.see(imu.roll_rad, imu.pitch_rad, gyro, (j0, j1, j2), (j3, j4, j5))
         if seq < 0:

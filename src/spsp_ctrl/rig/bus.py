@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from math import isfinite, pi
+from pathlib import Path
 from typing import Any
 
 from spsp_ctrl.config.devices import BusDriver, DriveNode, Expected
@@ -29,11 +30,13 @@ from spsp_ctrl.devices.families.base import (
 )
 from spsp_ctrl.devices.families.registry import UnknownFamily, family
 from spsp_ctrl.devices.transport.base import CanTransport, SerialTransport
+from spsp_ctrl.devices.transport.stamped import StampedLine
 from spsp_ctrl.messages import NO_BASE, NO_MEASUREMENT, NO_TEMPERATURE, AzimuthSample, BaseSample, Command, Measurement, TemperatureSample, Truth
 from spsp_ctrl.rig.base import RigError, RigIdentity
 from spsp_ctrl.rig.control_time import ControlTime
 from spsp_ctrl.rig.line_watch import LineWatch, Note
 from spsp_ctrl.rig.raw import Raw
+from spsp_ctrl.rig.truth_file import TruthReader
 
 TEMPERATURE_HZ = 10
 START_UP_S = 15.0
@@ -122,6 +125,9 @@ class BusRig:
             for name, members in self._on_bus.items():
                 self._send_can(name, [frame for device in members for frame in device.operate()])
                 self._send_can(name, [frame for drive in self._drives_on[name] for frame in drive.prepare()])
+            if not self._immediate:
+                name = self._driver.devices.imu.serial
+                self._serial[name] = StampedLine(self._serial[name])
         if not self._immediate:
             self._sync()
             time.sleep(2e-9 * self._period_ns)
@@ -206,6 +212,15 @@ class BusRig:
         for line in (*self._can.values(), *self._serial.values()):
             line.close()
 
+    def see_truth(self, path: Path) -> None:
+        """True states of a served plant come through a file in memory. Raises ``RigError`` when nobody serves it."""
+        try:
+            reader = TruthReader(path)
+        except (OSError, ValueError):
+            self.close()
+            raise RigError(f"{path}: no plant is served there; start one: spsp-ctrl plant serve --config ...") from None
+        self._truth = lambda stamp_ns: reader.get(stamp_ns, self._cycle)
+
     def truth(self) -> Truth | None:
         """See ``Rig``."""
         return self._truth(self._read_ns) if self._truth is not None else None
@@ -220,6 +235,8 @@ class BusRig:
         """See ``Rig``."""
         if now_ns == self._read_ns:
             return self._measurement
+        if self._read_ns < 0 and not self._immediate:
+            self._time.start(time.monotonic_ns(), now_ns)
         self._read_ns = now_ns
         cycle = self._cycle = round(now_ns / self._period_ns)
         if self._immediate:

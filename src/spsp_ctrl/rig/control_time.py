@@ -8,6 +8,8 @@ class ControlTime:
 
     FOLLOW = 0.02
     """Part of a deviation that is taken over per SYNC; about 50 SYNCs of memory."""
+    COMPUTE = 0.2
+    """Part of a period that a cycle is taken to need, until its SYNCs have told."""
     OUTLIER = 0.25
     """Deviations beyond this part of a period count as this much (a late SYNC), unless they last."""
 
@@ -23,6 +25,10 @@ class ControlTime:
         """A SYNC of a rig in lock-step."""
         self.sync_ns, self.sync_seq = now_ns, cycle
 
+    def start(self, clock_ns: int, now_ns: int) -> None:
+        """Cycle ``now_ns`` begins at ``clock_ns``: its SYNC, the next one, goes out a part of the period later."""
+        self._offset_ns = clock_ns + self.COMPUTE * self._period_ns - (now_ns + self._period_ns)
+
     def sync(self, clock_ns: int, cycle: int) -> None:
         """SYNC number ``cycle`` goes out at ``clock_ns`` of the transports' clock."""
         nominal = cycle * self._period_ns
@@ -35,7 +41,7 @@ class ControlTime:
         self.sync_ns, self.sync_seq = nominal, cycle
 
     def control_ns(self, clock_ns: int, now_ns: int) -> int:
-        """Control time of an instant of the transports' clock."""
+        """Control time of an instant of the transports' clock, not after ``now_ns``."""
         if self._offset_ns is None:
             return now_ns
-        return round(clock_ns - self._offset_ns)
+        return min(round(clock_ns - self._offset_ns), now_ns)

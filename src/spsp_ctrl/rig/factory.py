@@ -29,7 +29,10 @@ def build_rig(
 
         if not real_time:
             raise RigError(f"a rig on wires (`world: {driver.world}`) runs in real time only; leave --fast away")
-        return open_wires(config, driver)
+        rig = open_wires(config, driver)
+        if driver.truth is not None:
+            rig.see_truth(Path(driver.truth))
+        return rig
     from spsp_ctrl.plant.model import load_model
 
     model = load_model(model_path)

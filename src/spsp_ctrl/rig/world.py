@@ -17,7 +17,7 @@ from spsp_ctrl.plant.model import PlantModel
 from spsp_ctrl.plant.virtual import VirtualPlant
 from spsp_ctrl.rig.virtual_devices import OFF, AxisOrder, AxisReading, Readings, VirtualDevices
 
-_IMU = slice(O.imu_roll, O.gyro_z + 1)
+IMU_OUTPUTS = slice(O.imu_roll, O.gyro_z + 1)
 
 
 def readings(out: list[float], sensor_error_c: float) -> Readings:
@@ -122,6 +122,6 @@ class LockstepWorld:
         now_ns = cycle * self._period_ns
         if cycle % self._plant.imu_every:
             return
-        data = self.devices.imu.sample(now_ns, self.devices.attitude(*self._out[_IMU]))
+        data = self.devices.imu.sample(now_ns, self.devices.attitude(*self._out[IMU_OUTPUTS]))
         if not any(a <= now_ns * 1e-9 < b for a, b in self._dropouts):
             self._imu_line.deliver(data, now_ns + self._imu_delay_ns)

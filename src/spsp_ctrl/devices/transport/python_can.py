@@ -118,6 +118,13 @@ class PythonCanBus:
             self._clear("queue-full", "down")
         return True
 
+    def fileno(self) -> int:
+        """What to wait on for frames; -1 where the driver has nothing."""
+        try:
+            return self._bus.fileno() if self._bus is not None else -1
+        except NotImplementedError:
+            return -1
+
     def close(self) -> None:
         """Let go of the bus."""
         bus, self._bus = self._bus, None

@@ -105,6 +105,10 @@ class SerialLine:
                 return False
         return self._push(data)
 
+    def fileno(self) -> int:
+        """What to wait on for bytes; -1 once it is closed."""
+        return self._fd
+
     def close(self) -> None:
         """Let go of the port."""
         self._fd = -1
