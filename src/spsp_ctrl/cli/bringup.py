@@ -199,7 +199,7 @@ def stages(plan: Plan, no_enable: bool, limit: float | None, yes: bool) -> Plan:
         failed = [row for row in preflight(config, Path("runs")) if row.state == FAIL]
         if failed:
             raise RigError("\n".join(f"{row.what}: {row.found}. {row.advice}".rstrip() for row in failed))
-        confirm("Stage 1 of 2: open the buses and lines, identify and configure every device, without power. Go on?", yes)
+        confirm("Stage 1 of 2: open the buses and lines, identify and configure every device, no motor current. Go on?", yes)
     return replace(plan, config=config)
 
 

@@ -12,17 +12,17 @@ from spsp_ctrl.rig.base import RigError
 
 Frame = tuple[int, bytes]
 Judge = Callable[[Frame], bool]
-_OPERATION = 0x0F
-"""Bits 0 to 3 of the controlword: switch on, voltage, no quick stop, operation."""
+_SWITCHED_ON = 0x07
+"""Bits 0 to 2 of the controlword: switch on, voltage, no quick stop. Without bit 0 the power stage stays off whatever else is set."""
 
 
 def _cia402(node: int) -> Judge:
     def powers(frame: Frame) -> bool:
         identifier, data = frame
         if identifier == C.RPDO1 + node and len(data) >= 2:
-            return data[0] & _OPERATION == _OPERATION
+            return data[0] & _SWITCHED_ON == _SWITCHED_ON
         if identifier == C.SDO_REQUEST + node and len(data) == 8 and int.from_bytes(data[1:3], "little") == C.CONTROLWORD:
-            return data[4] & _OPERATION == _OPERATION
+            return data[4] & _SWITCHED_ON == _SWITCHED_ON
         return False
 
     return powers
@@ -46,10 +46,10 @@ class NoPower:
     def __init__(self, bus: CanTransport, judges: Iterable[Judge], keep: int = 0) -> None:
         self._bus, self._judges, self._keep = bus, tuple(judges), keep
         self.immediate = bus.immediate
-        self.sent: list[Frame] = []
-        """The first ``keep`` frames that went out."""
-        self.held_back: list[Frame] = []
-        """Frames that would have switched power on, the first 100."""
+        self.seen: list[tuple[Frame, bool]] = []
+        """The first ``keep`` frames and whether each was held back because it would have switched power on."""
+        self.held_back = 0
+        """How many were."""
 
     @property
     def fault(self) -> Fault:
@@ -64,13 +64,12 @@ class NoPower:
         """See ``CanTransport``. Frames that switch power on are left out, the others go."""
         through = []
         for frame in frames:
-            if any(powers(frame) for powers in self._judges):
-                if len(self.held_back) < 100:
-                    self.held_back.append(frame)
-            else:
+            held = any(powers(frame) for powers in self._judges)
+            self.held_back += held
+            if len(self.seen) < self._keep:
+                self.seen.append((frame, held))
+            if not held:
                 through.append(frame)
-        if len(self.sent) < self._keep:
-            self.sent += through[: self._keep - len(self.sent)]
         return self._bus.send(through)
 
     def close(self) -> None:

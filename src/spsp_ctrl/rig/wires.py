@@ -16,6 +16,7 @@ from spsp_ctrl.rig.bus import BusRig
 from spsp_ctrl.rig.traffic import refusals
 
 CanFilter = Callable[[str, CanTransport], CanTransport]
+LineFilter = Callable[[str, SerialTransport], SerialTransport]
 
 
 def is_terminal(port: str) -> bool:
@@ -80,7 +81,12 @@ def open_lines(config: RigConfig, driver: BusDriver) -> tuple[dict[str, CanTrans
     return can, serial
 
 
-def open_wires(config: RigConfig, driver: BusDriver, around: CanFilter = lambda name, bus: bus) -> BusRig:
-    """The rig behind the buses and lines of the rig file. ``around`` may put something between the rig and a bus."""
+def open_wires(
+    config: RigConfig,
+    driver: BusDriver,
+    around: CanFilter = lambda name, bus: bus,
+    around_line: LineFilter = lambda name, line: line,
+) -> BusRig:
+    """The rig behind the buses and lines of the rig file. ``around`` and ``around_line`` may put something between the rig and a bus or line."""
     can, serial = open_lines(config, driver)
-    return BusRig(config, {name: around(name, bus) for name, bus in can.items()}, serial)
+    return BusRig(config, {name: around(name, bus) for name, bus in can.items()}, {name: around_line(name, line) for name, line in serial.items()})
