@@ -7,6 +7,8 @@ speak with one number, a device whose clock stands.
 
 from __future__ import annotations
 
+from spsp_ctrl.devices import canopen_table as C
+
 GARBAGE_NS = 100_000_000
 """Declared time of ``StreamWatch``: so long after the last good packet."""
 TWINS_SYNCS = 3
@@ -73,6 +75,25 @@ class TwinWatch:
     def status(self) -> None:
         """A cyclic status of the node has arrived."""
         self._in_this += 1
+
+
+class AnswerWatch:
+    """Two nodes with one number, at start-up: they answer the same question twice. Objects that are read are read once."""
+
+    def __init__(self) -> None:
+        self._heard: dict[tuple[int, int], int] = {}
+
+    def frame(self, identifier: int, data: bytes) -> None:
+        """A frame of the bus."""
+        if C.SDO_REPLY < identifier <= C.SDO_REPLY + C.MAX_NODE and len(data) == 8 and data[0] & 0xF3 == C.SDO_READ_SIZED:
+            key = (identifier - C.SDO_REPLY, int.from_bytes(data[1:4], "little"))
+            self._heard[key] = self._heard.get(key, 0) + 1
+
+    @property
+    def twins(self) -> list[int]:
+        """Node numbers that two devices have."""
+        doubled = [node for (node, _), count in self._heard.items() if count > 1]
+        return sorted({node for node in doubled if doubled.count(node) >= TWINS_SYNCS})
 
 
 class StampWatch:
