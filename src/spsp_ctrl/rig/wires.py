@@ -77,6 +77,8 @@ def open_lines(config: RigConfig, driver: BusDriver) -> tuple[dict[str, CanTrans
             bus_opened.close()
         for line_opened in serial.values():
             line_opened.close()
+        if driver.world == "served":
+            problems.append("is the plant server running? start it in another terminal: spsp-ctrl plant serve --config FILE")
         raise RigError("\n".join(problems))
     return can, serial
 
