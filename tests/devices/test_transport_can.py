@@ -53,6 +53,21 @@ def test_two_ends_hear_each_other_and_never_themselves(interface: str) -> None:
     assert one.poll(0) == []
 
 
+def test_a_group_on_the_same_port_is_another_bus() -> None:
+    """Two sessions on one computer do not hear each other."""
+    port = next(_port)
+    try:
+        one, other, third = (PythonCanBus("udp_multicast", f"239.74.163.{n}", 1_000_000, {"port": port}) for n in (31, 32, 31))
+    except TransportError as error:
+        pytest.skip(str(error))
+    assert one.send([(0x181, b"one")])
+    assert other.send([(0x182, b"other")])
+    assert [(i, d) for _, i, d in gathered(third, 1)] == [(0x181, b"one")]
+    for bus in (one, other, third):
+        assert bus.poll(0) == []
+        bus.close()
+
+
 class Acted(can.BusABC):
     """A driver that does what its script says: messages to receive, exceptions to raise."""
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from spsp_ctrl.cli import bringup
 from spsp_ctrl.cli.common import CONFIG, EXIT_DATA, EXIT_INTERRUPTED, EXIT_RIG, EXIT_ROW_FAILED, JSON, OVERRIDE, bar, finite, guarded
 
 if TYPE_CHECKING:
@@ -28,6 +29,10 @@ if TYPE_CHECKING:
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder; default runs/<UTC time>.")
 @click.option("--strict", is_flag=True, help="Exit with 1 when an acceptance row fails.")
 @click.option("--no-screen", is_flag=True, help="No live screen in real time.")
+@click.option("--dry-run", is_flag=True, help="Identify and check, print the frames that would be sent, end. Power is never enabled.")
+@click.option("--no-enable", is_flag=True, help="Everything runs, but every command is \"off\".")
+@click.option("--limit", metavar="SHARE", callback=bringup.share, help="Speeds, accelerations and currents at this share, e.g. 10%.")
+@click.option("--yes", is_flag=True, help="On real hardware: do not ask before each stage.")
 @JSON
 @guarded
 def run(
@@ -40,6 +45,10 @@ def run(
     out: Path | None,
     strict: bool,
     no_screen: bool,
+    dry_run: bool,
+    no_enable: bool,
+    limit: float | None,
+    yes: bool,
     as_json: bool,
 ) -> None:
     """Run the controller on the rig and leave a folder that explains the run.
@@ -47,11 +56,15 @@ def run(
     The folder holds the log (run.mcap), the resolved rig, scenario and model files, summary.json and report.html. Ctrl-C brakes the platform,
     disables the drives and keeps everything recorded.
     """
-    plan = _plan(config, overrides, scenario, duration, seed, real_time=not fast)
+    plan = bringup.stages(_plan(config, overrides, scenario, duration, seed, real_time=not fast), no_enable, limit, yes or dry_run)
+    if dry_run:
+        bringup.dry_run(plan, as_json)
+        return
     from spsp_ctrl.experiments import session
 
     say = _progress_line(as_json)
-    rig = session.prepare(plan, say)
+    rig = bringup.never_enabled(session.prepare(plan, say), no_enable)
+    bringup.before_power(plan.config, rig, no_enable, limit, yes)
     folder = session.new_folder(out)
     with _watch(plan, fast, as_json or no_screen) as watcher:
         result = session.run_session(plan, rig, folder, watcher, say)

@@ -7,12 +7,13 @@ speak with one number, a device whose clock stands.
 
 from __future__ import annotations
 
-from collections import deque
+from spsp_ctrl.devices import canopen_table as C
 
 GARBAGE_NS = 100_000_000
 """Declared time of ``StreamWatch``: so long after the last good packet."""
 TWINS_SYNCS = 3
-"""Declared time of ``TwinWatch`` in SYNCs, within one second."""
+"""Declared time of ``TwinWatch`` in SYNCs (one more to judge the last); ``_CREDIT`` more after lost statuses."""
+_CREDIT = 5
 FROZEN_STAMP_NS = 50_000_000
 """Declared time of ``StampWatch``."""
 
@@ -50,29 +51,49 @@ class StreamWatch:
 
 
 class TwinWatch:
-    """Two nodes with one number: more than one status after a SYNC, or a boot message of a node that is at work."""
+    """Two nodes with one number: more statuses than SYNCs.
+
+    A status that comes after the next SYNC is missed once and counted twice, which is even; a lost one gives a credit, up to ``_CREDIT``.
+    """
 
     def __init__(self, name: str, node: int) -> None:
         self._name, self._node = name, node
-        self._in_this = 0
-        self._doubled: deque[int] = deque(maxlen=TWINS_SYNCS)
-        self._found = ""
+        self._surplus = 0
+        self._in_this = 1
 
     def sync(self, now_ns: int) -> tuple[str, str]:
         """A SYNC goes out: judge the one before. Identifier and text."""
-        if self._in_this > 1:
-            self._doubled.append(now_ns)
+        self._surplus = min(max(self._surplus + self._in_this - 1, -_CREDIT), 2 * TWINS_SYNCS)
         self._in_this = 0
-        if len(self._doubled) == TWINS_SYNCS and now_ns - self._doubled[0] < 1_000_000_000:
-            self._found = (
-                f"{self._name}: node {self._node} answers one SYNC more than once; two devices have the number {self._node}: "
-                "unplug one and give it another number"
-            )
-        return ("node-twice", self._found) if self._found else ("", "")
+        if self._surplus < TWINS_SYNCS:
+            return "", ""
+        return "node-twice", (
+            f"{self._name}: node {self._node} answers a SYNC more than once; two devices have the number {self._node}: "
+            "unplug one and give it another number"
+        )
 
     def status(self) -> None:
         """A cyclic status of the node has arrived."""
         self._in_this += 1
+
+
+class AnswerWatch:
+    """Two nodes with one number, at start-up: they answer the same question twice. Objects that are read are read once."""
+
+    def __init__(self) -> None:
+        self._heard: dict[tuple[int, int], int] = {}
+
+    def frame(self, identifier: int, data: bytes) -> None:
+        """A frame of the bus."""
+        if C.SDO_REPLY < identifier <= C.SDO_REPLY + C.MAX_NODE and len(data) == 8 and data[0] & 0xF3 == C.SDO_READ_SIZED:
+            key = (identifier - C.SDO_REPLY, int.from_bytes(data[1:4], "little"))
+            self._heard[key] = self._heard.get(key, 0) + 1
+
+    @property
+    def twins(self) -> list[int]:
+        """Node numbers that two devices have."""
+        doubled = [node for (node, _), count in self._heard.items() if count > 1]
+        return sorted({node for node in doubled if doubled.count(node) >= TWINS_SYNCS})
 
 
 class StampWatch:

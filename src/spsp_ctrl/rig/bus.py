@@ -31,9 +31,11 @@ from spsp_ctrl.devices.families.base import (
 from spsp_ctrl.devices.families.registry import UnknownFamily, family
 from spsp_ctrl.devices.transport.base import CanTransport, SerialTransport
 from spsp_ctrl.devices.transport.stamped import StampedLine
+from spsp_ctrl.devices.watch_host import AnswerWatch
 from spsp_ctrl.messages import NO_BASE, NO_MEASUREMENT, NO_TEMPERATURE, AzimuthSample, BaseSample, Command, Measurement, TemperatureSample, Truth
 from spsp_ctrl.rig.base import RigError, RigIdentity
 from spsp_ctrl.rig.control_time import ControlTime
+from spsp_ctrl.rig.line_watch import LineWatch, Note
 from spsp_ctrl.rig.raw import Raw
 from spsp_ctrl.rig.truth_file import TruthReader
 
@@ -67,6 +69,7 @@ class BusRig:
         self._immediate = all(line.immediate for line in lines)
         self._period_ns = round(1e9 / config.rate_hz)
         self._build()
+        self._watch = LineWatch(self._driver, self._can, self._serial)
         self._time = ControlTime(self._period_ns)
         self.raw = Raw()
         self._azimuth_every = max(1, round(config.rate_hz / config.azimuth.rate_hz))
@@ -137,16 +140,21 @@ class BusRig:
         """Start-up dialogues of all devices, side by side. No power. Raises ``RigError`` with every problem."""
         begin = time.monotonic()
         turn = 0
+        twice = {name: AnswerWatch() for name in self._can}
+        heard = dict.fromkeys(self._serial, 0)
         while any(not device.done and not device.problem for device in self.devices.values()):
             now_ns = turn * 1_000_000 - START_UP_NS if self._immediate else time.monotonic_ns()
             for name, bus in self._can.items():
                 frames = [(identifier, data) for _, identifier, data in bus.poll(now_ns)]
+                for frame in frames:
+                    twice[name].frame(*frame)
                 out = [frame for device in self._on_bus[name] if not device.done for frame in device.start_up(now_ns, frames)]
                 if name == self._stepper_bus and not self._stepper.done:
                     out += self._stepper.start_up(now_ns, frames, b"")[0]
                 bus.send(out)
             for name, line in self._serial.items():
                 data = b"".join(piece for _, piece in line.poll(now_ns))
+                heard[name] += len(data)
                 if name == self._driver.devices.imu.serial and not self._imu.done:
                     line.send(self._imu.start_up(now_ns, data))
                 elif name == self._stepper_line and not self._stepper.done:
@@ -158,6 +166,11 @@ class BusRig:
             turn += 1
         problems = [f"{name}: {device.problem or 'does not answer'}" for name, device in self.devices.items() if device.problem or not device.done]
         problems += [f"{name}: {text}" for name, device in self.devices.items() if device.done for text in self._strangers(name, device.identity)]
+        for device, line_name in (("imu", self._driver.devices.imu.serial), ("azimuth", self._stepper_line)):
+            if line_name is not None and not self.devices[device].done:
+                problems.append(_line_hint(device, heard[line_name], self._driver.serial[line_name].baud))
+        for name, watch in twice.items():
+            problems += [f"{name}: two devices answer with the number {node}: unplug one and give it another number" for node in watch.twins]
         faults = [f"{name}: {line.fault.text}" for name, line in (*self._can.items(), *self._serial.items()) if line.fault.id]
         if problems or faults:
             raise RigError("\n".join([*faults, *problems]))
@@ -225,6 +238,10 @@ class BusRig:
         """See ``Rig``."""
         return self._truth(self._read_ns) if self._truth is not None else None
 
+    def notes(self) -> list[Note]:
+        """Troubles of buses, lines and nodes that began or ended since the last call."""
+        return self._watch.notes()
+
     # ---- the cycle -------------------------------------------------------------------------------------------------------
 
     def read(self, now_ns: int) -> Measurement:
@@ -252,11 +269,15 @@ class BusRig:
                 if not self._dispatch(name, bus, now_ns):
                     break
         for name, line in self._serial.items():
+            before, heard = self._imu.imu, 0
             for stamp, data in self._arrived(name, line, now_ns):
                 if name == self._driver.devices.imu.serial:
+                    heard += len(data)
                     self._imu.receive(data, stamp)
                 elif name == self._stepper_line:
                     self._stepper_bytes += data
+            if name == self._driver.devices.imu.serial:
+                self._watch.imu(now_ns, heard, self._imu.device_ns if self._imu.imu is not before else None)
         self._pump_stepper(now_ns)
         if self._stepper.seq != self._azimuth.seq:
             s = self._stepper
@@ -264,6 +285,7 @@ class BusRig:
                 s.stamp_ns, s.seq, self._enabled, s.position_microsteps, s.rate_microsteps_s, s.positive_switch, s.negative_switch, s.home_switch
             )
         self._warmth(now_ns, cycle)
+        self._watch.step()
         self._measurement = self._measure(now_ns, cycle)
         return self._measurement
 
@@ -272,6 +294,7 @@ class BusRig:
         arrived = bus.poll(now_ns)
         stamp, seq = self._time.sync_ns, self._time.sync_seq
         for t, identifier, data in arrived:
+            self._watch.frame(name, identifier)
             self.raw.frame_in(name, t if self._immediate else self._time.control_ns(t, now_ns), identifier, data)
             frame = (identifier, data)
             for device in self._on_bus[name]:
@@ -312,6 +335,7 @@ class BusRig:
         """SYNC on every bus with synchronous nodes; what follows is of that instant."""
         if self._immediate:
             self._time.exact(self._read_ns, self._cycle)
+        self._watch.sync(self._read_ns)
         for name, members in self._on_bus.items():
             if members:
                 self._send_can(name, [canopen.SYNC_FRAME])
@@ -380,6 +404,13 @@ class BusRig:
         if frames:
             self._can[name].send(frames)
             self.raw.frames_out(name, self._read_ns, frames)
+
+
+def _line_hint(device: str, heard: int, baud: int) -> str:
+    """Why a device on a line of its own may not have answered."""
+    if not heard:
+        return f"{device}: not one byte has arrived; check port, cable and supply"
+    return f"{device}: {heard} bytes have arrived that are no answer; is it at {baud} baud, and is this its port?"
 
 
 def _drive(node: DriveNode, actuator: Actuator, rate_hz: int) -> DriveFamily:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,11 +16,13 @@ from spsp_ctrl.rig.bus import BusRig
 from spsp_ctrl.rig.traffic import refusals
 
 CanFilter = Callable[[str, CanTransport], CanTransport]
+LineFilter = Callable[[str, SerialTransport], SerialTransport]
 
 
 def is_terminal(port: str) -> bool:
-    """A pseudo-terminal: its other end is a program, never a device."""
-    return os.path.realpath(port).startswith("/dev/pts/")
+    """A pseudo-terminal: its other end is a program, never a device. Also the name of one that is not there yet (the plant server makes a link)."""
+    real = os.path.realpath(port)
+    return re.fullmatch(r"/dev/pts/\d+", real) is not None or (not real.startswith("/dev/") and not os.path.exists(real))
 
 
 def is_virtual_can(channel: str, net: Path = Path("/sys/class/net")) -> bool:
@@ -70,13 +73,22 @@ def open_lines(config: RigConfig, driver: BusDriver) -> tuple[dict[str, CanTrans
         except TransportError as error:
             problems.append(f"rig.serial.{name}: {error}")
     if problems:
-        for opened in (*can.values(), *serial.values()):
-            opened.close()
+        for bus_opened in can.values():
+            bus_opened.close()
+        for line_opened in serial.values():
+            line_opened.close()
+        if driver.world == "served":
+            problems.append("is the plant server running? start it in another terminal: spsp-ctrl plant serve --config FILE")
         raise RigError("\n".join(problems))
     return can, serial
 
 
-def open_wires(config: RigConfig, driver: BusDriver, around: CanFilter = lambda name, bus: bus) -> BusRig:
-    """The rig behind the buses and lines of the rig file. ``around`` may put something between the rig and a bus."""
+def open_wires(
+    config: RigConfig,
+    driver: BusDriver,
+    around: CanFilter = lambda name, bus: bus,
+    around_line: LineFilter = lambda name, line: line,
+) -> BusRig:
+    """The rig behind the buses and lines of the rig file. ``around`` and ``around_line`` may put something between the rig and a bus or line."""
     can, serial = open_lines(config, driver)
-    return BusRig(config, {name: around(name, bus) for name, bus in can.items()}, serial)
+    return BusRig(config, {name: around(name, bus) for name, bus in can.items()}, {name: around_line(name, line) for name, line in serial.items()})

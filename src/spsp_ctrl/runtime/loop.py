@@ -117,6 +117,7 @@ def run_loop(
     ending = ""
     now = time.perf_counter_ns
     record_ns = 0
+    notes = getattr(rig, "notes", None)
 
     def event(level: str, id: str, text: str, stamp_ns: int) -> None:
         result.events.append({"stamp_ns": stamp_ns, "level": level, "id": id, "text": text})
@@ -151,6 +152,9 @@ def run_loop(
                 control = control._replace(command=sent)
             after_write = now()
 
+            if notes is not None:
+                for level, id, text in notes():
+                    event(level, id, text, now_ns)
             if skipped:
                 result.skipped += skipped
                 result.skipped_stamps_ns.append(now_ns)

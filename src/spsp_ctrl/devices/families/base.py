@@ -148,6 +148,8 @@ class ImuFamily(Dialogue, Protocol):
 
     imu: ImuSample
     """Newest frame."""
+    device_ns: int
+    """Its time on the unit's own clock; -1 when the unit has none."""
 
     def start_up(self, now_ns: int, data: bytes) -> bytes:
         """Go on with what has arrived; the bytes to send now."""

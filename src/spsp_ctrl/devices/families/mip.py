@@ -27,6 +27,7 @@ class MipUnit:
         self.problem = ""
         self.identity = NOBODY
         self.imu: ImuSample = NO_IMU
+        self.device_ns = -1
 
     def start_up(self, now_ns: int, data: bytes) -> bytes:
         """See ``ImuFamily``."""
@@ -65,6 +66,7 @@ class MipUnit:
         """See ``ImuFamily``. Of several attitudes in one piece the last one counts."""
         for reading in self._decoder.decode(self._parser.feed(data)):
             device_ns, valid, roll, pitch, yaw, x, y, z = reading
+            self.device_ns = device_ns
             stamp = self._clock.stamp(device_ns, received_ns)
             seq = round(device_ns / self._period_ns) if device_ns >= 0 else self.imu.seq + 1
             self.imu = ImuSample(stamp, received_ns, seq, valid, roll, -pitch, -yaw, x, -y, -z)

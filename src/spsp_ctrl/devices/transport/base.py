@@ -36,7 +36,11 @@ class CanTransport(Protocol):
     """A CAN bus."""
 
     immediate: bool
-    fault: Fault
+
+    @property
+    def fault(self) -> Fault:
+        """What is wrong now, the worst of it."""
+        ...
 
     def poll(self, now_ns: int) -> list[Arrived]:
         """Every frame that has arrived since the last call, in order, without our own."""
@@ -55,7 +59,11 @@ class SerialTransport(Protocol):
     """A serial line."""
 
     immediate: bool
-    fault: Fault
+
+    @property
+    def fault(self) -> Fault:
+        """What is wrong now, the worst of it."""
+        ...
 
     def poll(self, now_ns: int) -> list[Bytes]:
         """All bytes that have arrived since the last call, in pieces as they came."""

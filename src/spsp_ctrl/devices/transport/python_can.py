@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import socket
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -24,6 +25,9 @@ _QUIET_NS = 2_000_000_000
 """Without an error frame for as long, the bus is well again."""
 _LATEST_S = 1.0
 _token = itertools.count()
+
+_IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29
+"""Of linux/in.h and linux/in6.h; Python has no names for them."""
 
 # error frames of SocketCAN (linux/can/error.h): class in the identifier, detail in data[1]
 _CONTROLLER, _BUS_OFF, _RESTARTED = 0x04, 0x40, 0x100
@@ -52,6 +56,8 @@ class PythonCanBus:
             self._bus: can.BusABC | None = can.Bus(**words)
         except Exception as error:  # each driver has its own kinds
             raise TransportError(_why(interface, channel, error)) from None
+        if interface == "udp_multicast":
+            _only_this_group(self._bus)
         self._has_state = type(self._bus).state is not can.BusABC.state
 
     def poll(self, now_ns: int) -> list[Arrived]:
@@ -173,6 +179,16 @@ class PythonCanBus:
                 self._clear("bus-off")
         if now - self._erred_ns > _QUIET_NS:
             self._clear("error-frames", "error-passive", "overrun")
+
+
+def _only_this_group(bus: Any) -> None:
+    """A socket bound to a port hears every group that anybody on this computer has joined, unless it is told not to (ip(7), IP_MULTICAST_ALL)."""
+    with suppress(AttributeError, OSError):
+        multicast = bus._multicast
+        if multicast.ip_version == 4:
+            multicast._socket.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+        else:
+            multicast._socket.setsockopt(socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0)
 
 
 def _why(interface: str, channel: str, error: Exception) -> str:
