@@ -34,3 +34,15 @@ def test_roles_share_tables_only() -> None:
 def test_protocols_do_no_io_and_know_no_clock() -> None:
     for path in FOLDER.glob("*.py"):
         assert not {i.split(".")[0] for i in imports(path)} & IO, path.name
+
+
+def test_only_transports_touch_ports() -> None:
+    """A port is opened in ``devices/transport`` and nowhere else; the codecs there are as pure as the protocols."""
+    pure = {"base", "bus_load", "lockstep", "opening", "slcan_codec", "slcan_device", "trouble"}
+    for path in sorted((FOLDER / "transport").glob("*.py")):
+        used = {i.split(".")[0] for i in imports(path)} & IO
+        assert path.stem not in pure or not used, f"{path.name} imports {used}"
+    source = FOLDER.parent
+    for path in sorted(source.rglob("*.py")):
+        if "transport" not in path.parts:
+            assert not {i.split(".")[0] for i in imports(path)} & {"serial", "canopen", "pytrinamic", "mscl"}, path
