@@ -41,7 +41,7 @@ class ContinuousPlant(VirtualPlant):
             if dt > 1e-9:
                 self._step(dt, end_s, command, imu_due and last)
             elif imu_due and last:  # the instant has passed already: a frame of now
-                self._step(1e-9, end_s, command, True)
+                self._step(1e-9, self.time_s, command, True)
             if end_s >= grid_s:
                 self._next_grid()
             if last:
@@ -55,7 +55,7 @@ class ContinuousPlant(VirtualPlant):
         substeps = max(1, int(np.ceil(dt / SUBSTEP_S - 1e-6)))
         kernel.cycle(self.state, self.parameters, self._inputs, inputs, command, self.out, self._work, substeps, dt, imu_due)
         self._inputs = inputs
-        self.time_s = end_s
+        self.time_s = max(self.time_s, end_s)
 
     def _next_grid(self) -> None:
         i = self.cycle % BLOCK

@@ -41,6 +41,8 @@ from spsp_ctrl.rig.truth_file import TruthReader
 
 TEMPERATURE_HZ = 10
 START_UP_S = 15.0
+SPIN_NS = 80_000
+"""The end of a sleep is this uncertain."""
 START_UP_NS = 20_000_000_000
 _new = tuple.__new__
 _OFF = (False, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -246,8 +248,8 @@ class BusRig:
         """See ``Rig``."""
         if now_ns == self._read_ns:
             return self._measurement
-        if self._read_ns < 0 and not self._immediate:
-            self._time.start(time.monotonic_ns(), now_ns)
+        if not self._immediate:
+            self._time.begin(time.monotonic_ns(), now_ns)
         self._read_ns = now_ns
         cycle = self._cycle = round(now_ns / self._period_ns)
         if self._immediate:
@@ -333,12 +335,12 @@ class BusRig:
         """SYNC on every bus with synchronous nodes; what follows is of that instant."""
         if self._immediate:
             self._time.exact(self._read_ns, self._cycle)
-        else:
-            self._time.sync(time.monotonic_ns(), self._cycle + 1)
         self._watch.sync(self._read_ns)
         for name, members in self._on_bus.items():
             if members:
                 self._send_can(name, [canopen.SYNC_FRAME])
+        if not self._immediate:
+            self._time.sent(time.monotonic_ns(), self._cycle + 1)
 
     def _warmth(self, now_ns: int, cycle: int) -> None:
         """A new temperature sample when the drives have answered."""
@@ -385,8 +387,18 @@ class BusRig:
                 self._stepper_bytes += piece
         self._pump_stepper(now_ns)
         if not self._immediate:
+            self._wait(self._time.sync_due_ns(now_ns))
             self._sync()
         return command
+
+    @staticmethod
+    def _wait(until_ns: int) -> None:
+        """To the fixed phase of SYNC: sleep, then look at the clock."""
+        left = until_ns - time.monotonic_ns()
+        if left > SPIN_NS:
+            time.sleep((left - SPIN_NS) * 1e-9)
+        while time.monotonic_ns() < until_ns:
+            pass
 
     def _send_can(self, name: str, frames: list[Frame]) -> None:
         if frames:

@@ -8,14 +8,18 @@ class ControlTime:
 
     FOLLOW = 0.02
     """Part of a deviation that is taken over per SYNC; about 50 SYNCs of memory."""
-    COMPUTE = 0.2
-    """Part of a period that a cycle is taken to need, until its SYNCs have told."""
+    PHASE = 0.4
+    """Part of a period after the beginning of a cycle at which its SYNC goes out: its commands are ready by then, the answers of the devices are
+    there when the next cycle begins, and the instants of SYNC do not depend on how long a cycle computes."""
     OUTLIER = 0.25
     """Deviations beyond this part of a period count as this much (a late SYNC), unless they last."""
 
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
+        self._guard_ns = period_ns // 16
+        """A SYNC in time stands this much before its cycle. One that is later than that is stamped in the future of its cycle, where it was."""
         self._offset_ns: float | None = None
+        self._begin_ns: float | None = None
         self.sync_ns = 0
         """Control time of the newest SYNC."""
         self.sync_seq = -1
@@ -25,20 +29,33 @@ class ControlTime:
         """A SYNC of a rig in lock-step."""
         self.sync_ns, self.sync_seq = now_ns, cycle
 
-    def start(self, clock_ns: int, now_ns: int) -> None:
-        """Cycle ``now_ns`` begins at ``clock_ns``: its SYNC, the next one, goes out a part of the period later."""
-        self._offset_ns = clock_ns + self.COMPUTE * self._period_ns - (now_ns + self._period_ns)
+    def begin(self, clock_ns: int, now_ns: int) -> None:
+        """Cycle ``now_ns`` begins at ``clock_ns``. The earliest beginning counts, and slowly the others: a late one is late."""
+        seen = clock_ns - now_ns
+        if self._begin_ns is None or abs(seen - self._begin_ns) > 20 * self._period_ns:
+            self._begin_ns, self._offset_ns = float(seen), None
+        elif seen < self._begin_ns:
+            self._begin_ns += 0.2 * (seen - self._begin_ns)
+        else:
+            self._begin_ns += 1e-4 * (seen - self._begin_ns)
+        if self._offset_ns is None:
+            self._offset_ns = self._begin_ns + self.PHASE * self._period_ns - self._period_ns + self._guard_ns
 
-    def sync(self, clock_ns: int, cycle: int) -> None:
-        """SYNC number ``cycle`` goes out at ``clock_ns`` of the transports' clock."""
+    def sync_due_ns(self, now_ns: int) -> int:
+        """When the SYNC that closes cycle ``now_ns`` is due, on the transports' clock."""
+        return round((self._begin_ns or 0.0) + now_ns + self.PHASE * self._period_ns)
+
+    def sent(self, clock_ns: int, cycle: int) -> None:
+        """SYNC number ``cycle`` has gone out at ``clock_ns`` of the transports' clock. Its own control time is that of ``sync_ns``."""
         nominal = cycle * self._period_ns
         seen = float(clock_ns - nominal)
         if self._offset_ns is None or abs(seen - self._offset_ns) > 20.0 * self._period_ns:
-            self._offset_ns = seen
-        else:
-            bound = self.OUTLIER * self._period_ns
-            self._offset_ns += self.FOLLOW * min(max(seen - self._offset_ns, -bound), bound)
-        self.sync_ns, self.sync_seq = nominal, cycle
+            self._offset_ns = seen + self._guard_ns
+        deviation = seen + self._guard_ns - self._offset_ns
+        bound = self.OUTLIER * self._period_ns
+        self._offset_ns += self.FOLLOW * min(max(deviation, -bound), bound)
+        self.sync_ns = nominal + min(round(deviation) - self._guard_ns, self._period_ns // 2)
+        self.sync_seq = cycle
 
     def control_ns(self, clock_ns: int, now_ns: int) -> int:
         """Control time of an instant of the transports' clock, not after ``now_ns``."""

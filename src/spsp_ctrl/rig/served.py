@@ -249,6 +249,7 @@ class ServedWorld:
             if name == self._driver.devices.imu.serial:
                 pty.write(self._devices.imu.receive(data))
             else:
+                self._imu_until(now)
                 self._advance(now)
                 pty.write(self._devices.stepper_bytes(data))
                 self._act()
