@@ -117,6 +117,7 @@ HEAD = """# yaml-language-server: $schema=../config/schema/rig.schema.json
 SECTION = """rig:
   driver: bus
   world: hardware                      # asks before each stage; nothing moves before `arm`
+  model: model.yaml                    # the plant as designed: goes into the log, for `spsp-ctrl diagnose`
   can:
     can0: {interface: socketcan, channel: can0, bitrate: 1000000}   # any python-can interface: slcan, pcan, kvaser, ...
   serial:

@@ -37,7 +37,8 @@ print("\\n--", json.dumps({"code": code, "devices": devices, "ports": ports}))
 
 
 def outcome(rig: Path, out: Path) -> dict[str, object]:
-    done = subprocess.run([sys.executable, "-c", SCRIPT, str(rig), str(out)], capture_output=True, text=True, check=False, timeout=120, env=os.environ)
+    words = [sys.executable, "-c", SCRIPT, str(rig), str(out)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=120, env=os.environ)
     assert "\n-- " in done.stdout, done.stdout + done.stderr
     found: dict[str, object] = json.loads(done.stdout.rsplit("\n-- ", 1)[1])
     return found
