@@ -107,3 +107,7 @@ def test_controller_is_safe_when_the_plant_is_killed(tmp_path: Path) -> None:
     assert not control["command.enable"][control["stamp_ns"] > first].any()
     texts = [event["text"] for event in log.events if event["level"] == "error"]
     assert any("Check:" in text and "cable" in text for text in texts), texts
+
+
+def test_recorded_bytes_decode_to_the_recorded_measurements(session_log: Path) -> None:
+    """Frames and bytes of a session over real transports, through the decoders again: bit for bit; a changed frame is found."""

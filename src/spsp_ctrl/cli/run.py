@@ -153,10 +153,24 @@ def _watch(plan: Plan, fast: bool, quiet: bool) -> Iterator[Watcher | None]:
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--config", "-c", type=click.Path(path_type=Path), help="Rig file to use instead of the recorded one.")
 @OVERRIDE
+@click.option(
+    "--from",
+    "source",
+    type=click.Choice(["measurements", "raw"]),
+    default="measurements",
+    show_default=True,
+    help="Recorded measurements through the law, or recorded frames and bytes through the decoders.",
+)
 @JSON
 @guarded
-def replay(log: Path, config: Path | None, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Feed the recorded inputs of a run to the law again and compare its commands bit for bit."""
+def replay(log: Path, config: Path | None, overrides: tuple[str, ...], source: str, as_json: bool) -> None:
+    """Feed the recorded inputs of a run to the law again and compare its commands bit for bit.
+
+    With `--from raw` the recorded frames and bytes of a rig on buses go through the decoders again, and the measurements are compared.
+    """
+    if source == "raw":
+        _replay_raw(log, config is not None or bool(overrides), as_json)
+        return
     from spsp_ctrl.experiments.replaying import replay_log
 
     with bar("replaying", as_json) as advance:
@@ -176,4 +190,25 @@ def replay(log: Path, config: Path | None, overrides: tuple[str, ...], as_json: 
         raise SystemExit(EXIT_DATA)
     if result.active_cycles == 0:
         click.echo("the run was never ACTIVE: a replay of it proves nothing about the law", err=True)
+        raise SystemExit(EXIT_DATA)
+
+
+def _replay_raw(log: Path, changed: bool, as_json: bool) -> None:
+    if changed:
+        raise click.UsageError("--from raw decodes with the rig file of the log; leave --config and --set away")
+    from spsp_ctrl.experiments.replaying_raw import replay_raw
+
+    with bar("decoding", as_json) as advance:
+        result = replay_raw(log, advance)
+    if as_json:
+        click.echo(json.dumps(result.to_dict(), indent=2))
+    else:
+        click.echo(f"{result.cycles} cycles, {result.frames} frames and pieces of bytes decoded again, compared bit for bit")
+        click.echo(f"{result.differing_cycles} cycles differ" if result.first else "0 differences")
+        if result.first:
+            click.echo(result.first)
+    if result.first:
+        raise SystemExit(EXIT_ROW_FAILED)
+    if result.log_problem:
+        click.echo(f"{log} is not complete ({result.log_problem}): only what could be read was compared", err=True)
         raise SystemExit(EXIT_DATA)

@@ -6,7 +6,8 @@ CAN frames are ``can_msgs/msg/Frame``, which other tools know; bytes of a serial
 from __future__ import annotations
 
 import struct
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 FRAME_NAME, BYTES_NAME = "can_msgs/msg/Frame", "spsp_ctrl/msg/RawBytes"
 _HEADER = """std_msgs/Header header
@@ -36,6 +37,32 @@ class RawEntry(NamedTuple):
     sent: bool
     identifier: int
     data: bytes
+
+
+PACK = struct.Struct("<qIB?iHH")
+"""An entry on its way to the writer: stamp, poll, length of the name, sent, identifier, length of the data, 1 for a frame."""
+
+
+def pack(entries: Iterable[Any]) -> bytes:
+    """Entries (``rig.raw``) as one block for the writer process."""
+    out = []
+    for stamp, name, sent, identifier, data, poll in entries:
+        text = name.encode("ascii", "replace")
+        number = identifier - (1 << 32) if identifier >= 1 << 31 else identifier
+        out += [PACK.pack(stamp, poll, len(text), sent, number, len(data), 1 if identifier >= 0 else 0), text, data]
+    return b"".join(out)
+
+
+def unpack(block: bytes) -> Iterator[tuple[RawEntry, int]]:
+    """Entries of a block, each with its poll."""
+    at = 0
+    while at < len(block):
+        stamp, poll, size, sent, number, length, frame = PACK.unpack_from(block, at)
+        at += PACK.size
+        name = block[at : at + size].decode("ascii")
+        data = block[at + size : at + size + length]
+        at += size + length
+        yield RawEntry(stamp, name, sent, number & 0xFFFFFFFF if frame else -1, data), poll
 
 
 def topic(name: str, sent: bool) -> str:

@@ -249,6 +249,8 @@ class BusRig:
         if now_ns == self._read_ns:
             return self._measurement
         if not self._immediate:
+            if self._read_ns < 0:
+                self._time.exact(now_ns, round(now_ns / self._period_ns))  # the SYNC that closed ``open``
             self._time.begin(time.monotonic_ns(), now_ns)
         self._read_ns = now_ns
         cycle = self._cycle = round(now_ns / self._period_ns)
@@ -291,11 +293,12 @@ class BusRig:
 
     def _dispatch(self, name: str, bus: CanTransport, now_ns: int) -> int:
         """Frames that have arrived to whom they belong; how many."""
+        self.raw.asked(name)
         arrived = bus.poll(now_ns)
         stamp, seq = self._time.sync_ns, self._time.sync_seq
         for t, identifier, data in arrived:
             self._watch.frame(name, identifier)
-            self.raw.frame_in(name, t if self._immediate else self._time.control_ns(t, now_ns), identifier, data)
+            self.raw.arrived(name, t if self._immediate else self._time.control_ns(t, now_ns), identifier, data)
             frame = (identifier, data)
             for device in self._on_bus[name]:
                 device.receive(frame, stamp, seq)
@@ -305,9 +308,10 @@ class BusRig:
 
     def _arrived(self, name: str, line: SerialTransport, now_ns: int) -> list[tuple[int, bytes]]:
         """Bytes that have arrived, on the control clock."""
+        self.raw.asked(name)
         found = [(t if self._immediate else self._time.control_ns(t, now_ns), data) for t, data in line.poll(now_ns)]
         for stamp, data in found:
-            self.raw.bytes_in(name, stamp, data)
+            self.raw.arrived(name, stamp, -1, data)
         return found
 
     def _pump_stepper(self, now_ns: int) -> None:
@@ -320,7 +324,7 @@ class BusRig:
                 self._send_can(self._stepper_bus, out_frames)
             elif self._stepper_line is not None and out_data:
                 self._serial[self._stepper_line].send(out_data)
-                self.raw.bytes_out(self._stepper_line, now_ns, out_data)
+                self.raw.sent(self._stepper_line, now_ns, -1, out_data)
             else:
                 return
             if not self._immediate:
@@ -336,11 +340,13 @@ class BusRig:
         if self._immediate:
             self._time.exact(self._read_ns, self._cycle)
         self._watch.sync(self._read_ns)
-        for name, members in self._on_bus.items():
-            if members:
-                self._send_can(name, [canopen.SYNC_FRAME])
+        buses = [name for name, members in self._on_bus.items() if members]
+        for name in buses:
+            self._can[name].send((canopen.SYNC_FRAME,))
         if not self._immediate:
             self._time.sent(time.monotonic_ns(), self._cycle + 1)
+        for name in buses:
+            self.raw.sent(name, self._time.sync_ns, *canopen.SYNC_FRAME)
 
     def _warmth(self, now_ns: int, cycle: int) -> None:
         """A new temperature sample when the drives have answered."""
@@ -403,7 +409,9 @@ class BusRig:
     def _send_can(self, name: str, frames: list[Frame]) -> None:
         if frames:
             self._can[name].send(frames)
-            self.raw.frames_out(name, self._read_ns, frames)
+            if self.raw.recording:
+                for identifier, data in frames:
+                    self.raw.sent(name, self._read_ns, identifier, data)
 
 
 def _line_hint(device: str, heard: int, baud: int) -> str:

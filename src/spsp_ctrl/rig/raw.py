@@ -4,57 +4,50 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-LIMIT = 20_000
-"""Entries kept when nobody asks."""
 
-
-class RawFrame(NamedTuple):
-    """One CAN frame."""
+class RawEntry(NamedTuple):
+    """One CAN frame, or one piece of a byte stream (``identifier`` is -1)."""
 
     stamp_ns: int
-    bus: str
+    """Control time: of arrival; of the cycle for what is sent; of SYNC itself for a SYNC."""
+    name: str
+    """Bus or line."""
     sent: bool
     identifier: int
     data: bytes
-
-
-class RawBytes(NamedTuple):
-    """One piece of a byte stream."""
-
-    stamp_ns: int
-    line: str
-    sent: bool
-    data: bytes
+    poll: int
+    """How often the bus or line had been asked when it came: a replay hands it over in the same call."""
 
 
 class Raw:
-    """A buffer. ``take`` empties it."""
+    """A buffer, filled once ``start`` was called. ``take`` empties it."""
 
     def __init__(self) -> None:
-        self._entries: list[RawFrame | RawBytes] = []
+        self._entries: list[RawEntry] = []
+        self._polls: dict[str, int] = {}
         self.recording = False
 
-    def frame_in(self, bus: str, stamp_ns: int, identifier: int, data: bytes) -> None:
-        """Arrived on a bus."""
-        if self.recording:
-            self._entries.append(RawFrame(stamp_ns, bus, False, identifier, data))
+    def start(self) -> None:
+        """Record from now on."""
+        self.recording = True
+        self._polls.clear()
 
-    def frames_out(self, bus: str, stamp_ns: int, frames: list[tuple[int, bytes]]) -> None:
-        """Sent on a bus."""
+    def asked(self, name: str) -> None:
+        """A bus or line is asked for what has come."""
         if self.recording:
-            self._entries += [RawFrame(stamp_ns, bus, True, identifier, data) for identifier, data in frames]
+            self._polls[name] = self._polls.get(name, 0) + 1
 
-    def bytes_in(self, line: str, stamp_ns: int, data: bytes) -> None:
-        """Arrived on a line."""
+    def arrived(self, name: str, stamp_ns: int, identifier: int, data: bytes) -> None:
+        """A frame, or bytes with the identifier -1."""
         if self.recording:
-            self._entries.append(RawBytes(stamp_ns, line, False, data))
+            self._entries.append(RawEntry(stamp_ns, name, False, identifier, data, self._polls.get(name, 0)))
 
-    def bytes_out(self, line: str, stamp_ns: int, data: bytes) -> None:
-        """Sent on a line."""
+    def sent(self, name: str, stamp_ns: int, identifier: int, data: bytes) -> None:
+        """The same in the other direction."""
         if self.recording:
-            self._entries.append(RawBytes(stamp_ns, line, True, data))
+            self._entries.append(RawEntry(stamp_ns, name, True, identifier, data, self._polls.get(name, 0)))
 
-    def take(self) -> list[RawFrame | RawBytes]:
+    def take(self) -> list[RawEntry]:
         """Everything since the last call."""
         found, self._entries = self._entries, []
         return found
