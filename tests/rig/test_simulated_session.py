@@ -8,7 +8,13 @@ import re
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
+
+import can
+import cantools
+
+from spsp_ctrl.recording.traces import export_trace, import_trace
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -69,3 +75,26 @@ def in_process(tmp_path: Path) -> Path:
 def test_neither_simulated_rig_touches_a_port(tmp_path: Path) -> None:
     for name, rig in (("plant", ROOT / "config" / "rig.yaml"), ("bytes", in_process(tmp_path))):
         assert outcome(rig, tmp_path / name) == {"code": 0, "devices": [], "ports": []}, name
+
+
+def test_the_trace_of_a_run_is_read_by_tools_of_the_field(tmp_path: Path) -> None:
+    """Run with every byte encoded, export its bus, read it with python-can and the shipped DBC: one SYNC and one status of each drive a cycle."""
+    assert outcome(in_process(tmp_path), tmp_path / "run")["code"] == 0
+    out = tmp_path / "trace.log"
+    count, bus, problem = export_trace(tmp_path / "run" / "run.mcap", None, "candump", out)
+    assert (bus, problem) == ("can0", "")
+    base = cantools.database.load_file(ROOT / "hil" / "devices" / "can0.dbc")
+    seen: Counter[str] = Counter()
+    with can.LogReader(out) as reader:
+        for message in reader:
+            seen["frames"] += 1
+            if message.arbitration_id in base._frame_id_to_message:
+                found = base.get_message_by_frame_id(message.arbitration_id)
+                seen[found.name] += 1
+                if found.name == "drive_pitch_status":
+                    assert set(found.decode(message.data)) == {"statusword", "position", "torque"}
+    assert seen["frames"] == count
+    assert seen["sync"] >= 200
+    for name in ("drive_pitch_status", "drive_roll_status", "drive_pitch_command", "drive_roll_command"):
+        assert abs(seen[name] - seen["sync"]) <= 2, seen
+    assert import_trace(out, None, tmp_path / "back.mcap") == {"can0": count}
