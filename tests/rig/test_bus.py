@@ -87,7 +87,10 @@ def _swing(rig: Rig, config: RigConfig, seconds: float) -> list[tuple[Measuremen
     return kept.rows
 
 
-@pytest.mark.parametrize(("rate_hz", "mode", "changes"), [(1000, "torque", {}), (500, "torque", {}), (1000, "velocity", {}), (1000, "torque", CHANGED)])
+CASES = [(1000, "torque", {}), (500, "torque", {}), (1000, "velocity", {}), (1000, "torque", CHANGED)]
+
+
+@pytest.mark.parametrize(("rate_hz", "mode", "changes"), CASES)
 def test_swing_is_the_same_to_the_last_bit(rate_hz: int, mode: str, changes: dict[str, object]) -> None:
     """Plant called directly with the steps of the wire, and every byte encoded and decoded: one run."""
     sides = {name: getattr(RIG, name).model_copy(update={"mode": mode}) for name in ("pitch_actuator", "roll_actuator")}

@@ -113,7 +113,7 @@ def _plant(served: Path, overrides: tuple[str, ...], seed: int | None, quiet: bo
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
     assert process.stderr is not None
     try:
-        said = []
+        said: list[str] = []
         begin = time.monotonic()
         while not any(line.startswith("ready") for line in said):
             line = process.stderr.readline()

@@ -56,7 +56,8 @@ def serve(
     click.echo("ready  " + ", ".join(places), err=as_json)
     begin = time.monotonic()
     try:
-        with RealTime(served.rig.realtime.enabled, served.rig.realtime.priority):
+        # before the controller: devices answer at once, whoever computes
+        with RealTime(served.rig.realtime.enabled, min(served.rig.realtime.priority + 10, 90)):
             world.run(ended)
     finally:
         world.close()

@@ -105,12 +105,10 @@ def _compare(rig: ReplayRig, data: LogData, arrived: int, progress: Callable[[in
 
 def _difference(was: Measurement, now: Measurement) -> str:
     where = f"{was.stamp_ns * 1e-9:.3f} s (cycle {was.cycle})"
-    for name, a, b in zip(Measurement._fields, was, now, strict=True):
-        if not isinstance(a, tuple):
-            if a != b:
-                return f"first difference at {where} in {name}: recorded {a!r}, decoded {b!r}"
-            continue
-        for field, x, y in zip(a._fields, a, b, strict=True):  # type: ignore[attr-defined]
+    for name in Measurement._fields:
+        a, b = getattr(was, name), getattr(now, name)
+        for field in getattr(a, "_fields", ("",)):
+            x, y = (getattr(a, field), getattr(b, field)) if field else (a, b)
             if x != y:
-                return f"first difference at {where} in {name}.{field}: recorded {x!r}, decoded {y!r}"
+                return f"first difference at {where} in {name}{field and '.' + field}: recorded {x!r}, decoded {y!r}"
     return f"first difference at {where} in the sign of a zero"

@@ -222,6 +222,8 @@ def run_session(
         stats = recorder.close()
     log, stats = _read_back(folder / LOG_NAME, stats)
     summary = summarise(plan, log, result, realtime.granted, stats)
+    if hasattr(rig, "figures"):
+        summary["buses"] = bus_figures(rig.figures(), log, config.rate_hz)
     text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
     (folder / "summary.json").write_text(text, encoding="utf-8")
     return SessionResult(folder, summary, log, result)
@@ -262,6 +264,19 @@ def summarise(
     summary["realtime_granted"] = granted
     summary["acceptance"] = figures.acceptance(scenario.acceptance, summary, config.control.law)
     return summary
+
+
+def bus_figures(counted: dict[str, float], log: LogData, rate_hz: int) -> dict[str, float]:
+    """What the buses did and what they cost: frames by direction, answers late or lost, time of read and write without the wait for SYNC."""
+    timing = log.topics["/timing"]
+    frames = {"received": 0, "sent": 0}
+    for topic, count in log.others.items():
+        if topic.startswith("/raw/"):
+            frames["sent" if topic.endswith("/tx") else "received"] += count
+    if not len(timing):
+        return {**frames, **counted}
+    io_us = 1e-3 * float(np.mean(timing["read_ns"] + timing["write_ns"])) - counted.get("waiting_us_mean", 0.0)
+    return {**frames, **counted, "io_us_mean": round(io_us, 3), "io_share_of_period": round(io_us * 1e-6 * rate_hz, 5)}
 
 
 def virtual(config: RigConfig) -> bool:

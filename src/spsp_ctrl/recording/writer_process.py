@@ -20,7 +20,8 @@ from mcap.writer import CompressionType, Writer
 
 from spsp_ctrl import __version__
 from spsp_ctrl.recording.frames import CYCLE, FRAME, MESSAGE, METADATA, OFFSETS, RAW
-from spsp_ctrl.recording.raw import BYTES_NAME, BYTES_SCHEMA, FRAME_NAME, FRAME_SCHEMA, encode, topic, unpack
+from spsp_ctrl.recording.raw import BYTES_NAME, BYTES_SCHEMA, FRAME_NAME, FRAME_SCHEMA, encode, unpack
+from spsp_ctrl.recording.raw import topic as raw_topic
 from spsp_ctrl.recording.schema import CYCLIC, JSON_TOPICS, TOPICS, ros_name, ros_schema
 
 CHUNK_BYTES = 64 * 1024
@@ -102,7 +103,7 @@ class McapLog:
             if key not in self._raw_channels:
                 name, text = (BYTES_NAME, BYTES_SCHEMA) if entry.identifier < 0 else (FRAME_NAME, FRAME_SCHEMA)
                 schema = self._writer.register_schema(name, "ros2msg", text.encode())
-                self._raw_channels[key] = self._writer.register_channel(topic(*key), "cdr", schema)
+                self._raw_channels[key] = self._writer.register_channel(raw_topic(*key), "cdr", schema)
             self._writer.add_message(self._raw_channels[key], log_time_ns, encode(entry), log_time_ns, poll)
 
     def attachment(self, name: str, data: bytes) -> None:

@@ -16,6 +16,7 @@ from typing import Any
 from spsp_ctrl.config.devices import BusDriver, DriveNode, Expected
 from spsp_ctrl.config.rig import Actuator, RigConfig
 from spsp_ctrl.devices import canopen_host as canopen
+from spsp_ctrl.devices import canopen_table as C
 from spsp_ctrl.devices.families.base import (
     MASTER,
     AngleFamily,
@@ -34,7 +35,7 @@ from spsp_ctrl.devices.transport.stamped import StampedLine
 from spsp_ctrl.devices.watch_host import AnswerWatch
 from spsp_ctrl.messages import NO_BASE, NO_MEASUREMENT, NO_TEMPERATURE, AzimuthSample, BaseSample, Command, Measurement, TemperatureSample, Truth
 from spsp_ctrl.rig.base import RigError, RigIdentity
-from spsp_ctrl.rig.control_time import ControlTime
+from spsp_ctrl.rig.control_time import Answers, ControlTime
 from spsp_ctrl.rig.line_watch import LineWatch, Note
 from spsp_ctrl.rig.raw import Raw
 from spsp_ctrl.rig.truth_file import TruthReader
@@ -65,8 +66,7 @@ class BusRig:
         self._can, self._serial = dict(can), dict(serial)
         self._truth = truth
         self._warm_up = warm_up
-        lines = [*self._can.values(), *self._serial.values()]
-        self._immediate = all(line.immediate for line in lines)
+        self._immediate = all(line.immediate for line in self._lines().values())
         self._period_ns = round(1e9 / config.rate_hz)
         self._build()
         self._watch = LineWatch(self._driver, self._can, self._serial)
@@ -77,6 +77,7 @@ class BusRig:
         self._heartbeat_ns = min((node.heartbeat_ms for _, node in self._driver.devices.nodes()), default=20) * 1_000_000
         self._next_heartbeat_ns = 0
         self._opened: RigIdentity | None = None
+        self._reads = self._missed = self._waited_ns = 0
         self._stepper_frames: list[Frame] = []
         self._stepper_bytes = b""
         self._stopped = False
@@ -86,6 +87,10 @@ class BusRig:
         self._temperature = NO_TEMPERATURE
         self._azimuth = AzimuthSample(0, -1, False, 0, 0.0, False, False, False)
         self._measurement: Measurement = NO_MEASUREMENT
+
+    def _lines(self) -> dict[str, CanTransport | SerialTransport]:
+        """Buses and lines by name."""
+        return {**self._can, **self._serial}
 
     def _build(self) -> None:
         """The families of the rig file."""
@@ -106,10 +111,11 @@ class BusRig:
             }
         except UnknownFamily as error:
             raise RigError(str(error)) from None
-        names = {"drive_pitch": self._drives[0], "drive_roll": self._drives[1], **self._angles}
+        names: dict[str, DriveFamily | AngleFamily] = {"drive_pitch": self._drives[0], "drive_roll": self._drives[1], **self._angles}
         self._on_bus: dict[str, list[DriveFamily | AngleFamily]] = {name: [] for name in self._can}
         for name, device in names.items():
             self._on_bus[getattr(d, name).bus].append(device)
+        self._answers = {C.TPDO1 + node.node: Answers(self._period_ns) for name, node in d.nodes() if getattr(names[name], "synced", True)}
         self._drives_on = {bus: [x for x in self._drives if x in members] for bus, members in self._on_bus.items()}
         self._stepper_bus, self._stepper_line = d.azimuth.bus, d.azimuth.serial
         self._bases = [self._angles.get(name) for name in ("base_pitch", "base_roll", "base_yaw")]
@@ -171,7 +177,7 @@ class BusRig:
                 problems.append(_line_hint(device, heard[line_name], self._driver.serial[line_name].baud))
         for name, watch in twice.items():
             problems += [f"{name}: two devices answer with the number {node}: unplug one and give it another number" for node in watch.twins]
-        faults = [f"{name}: {line.fault.text}" for name, line in (*self._can.items(), *self._serial.items()) if line.fault.id]
+        faults = [f"{name}: {line.fault.text}" for name, line in self._lines().items() if line.fault.id]
         if problems or faults:
             raise RigError("\n".join([*faults, *problems]))
         return {name: device.identity for name, device in self.devices.items()}
@@ -222,7 +228,7 @@ class BusRig:
                     self._send_can(name, [frame for device in members for frame in device.leave()])
             except Exception:
                 continue
-        for line in (*self._can.values(), *self._serial.values()):
+        for line in self._lines().values():
             line.close()
 
     def see_truth(self, path: Path) -> None:
@@ -255,6 +261,9 @@ class BusRig:
         if not self._immediate:
             if self._read_ns < 0:
                 self._time.exact(now_ns, round(now_ns / self._period_ns))  # the SYNC that closed ``open``
+                for key in self._answers:
+                    self._answers[key] = Answers(self._period_ns)
+                    self._answers[key].sync(self._time.sync_ns, self._time.sync_seq)
             self._time.begin(time.monotonic_ns(), now_ns)
         self._read_ns = now_ns
         cycle = self._cycle = round(now_ns / self._period_ns)
@@ -302,10 +311,15 @@ class BusRig:
         stamp, seq = self._time.sync_ns, self._time.sync_seq
         for t, identifier, data in arrived:
             self._watch.frame(name, identifier)
-            self.raw.arrived(name, t if self._immediate else self._time.control_ns(t, now_ns), identifier, data)
             frame = (identifier, data)
+            of_ns, of_seq = stamp, seq
+            if not self._immediate:
+                t = self._time.control_ns(t, now_ns)
+                if identifier in self._answers:
+                    of_ns, of_seq = self._answers[identifier].match(t) or (stamp, seq)
+            self.raw.arrived(name, t, identifier, data)
             for device in self._on_bus[name]:
-                device.receive(frame, stamp, seq)
+                device.receive(frame, of_ns, of_seq)
             if name == self._stepper_bus:
                 self._stepper_frames.append(frame)
         return len(arrived)
@@ -349,6 +363,8 @@ class BusRig:
             self._can[name].send((canopen.SYNC_FRAME,))
         if not self._immediate:
             self._time.sent(time.monotonic_ns(), self._cycle + 1)
+            for answers in self._answers.values():
+                answers.sync(self._time.sync_ns, self._time.sync_seq)
         for name in buses:
             self.raw.sent(name, self._time.sync_ns, *canopen.SYNC_FRAME)
 
@@ -365,6 +381,9 @@ class BusRig:
 
     def _measure(self, now_ns: int, cycle: int) -> Measurement:
         pitch, roll = self._drives
+        self._reads += 1
+        for drive in self._drives:
+            self._missed += drive.synced and drive.drive.seq != self._time.sync_seq
         shafts = [drive.shaft if node is None else node.shaft for drive, node in zip(self._drives, self._resolvers, strict=True)]
         base = NO_BASE
         found = [node for node in self._bases if node is not None]
@@ -401,14 +420,24 @@ class BusRig:
             self._sync()
         return command
 
-    @staticmethod
-    def _wait(until_ns: int) -> None:
+    def _wait(self, until_ns: int) -> None:
         """To the fixed phase of SYNC: sleep, then look at the clock."""
-        left = until_ns - time.monotonic_ns()
-        if left > SPIN_NS:
-            time.sleep((left - SPIN_NS) * 1e-9)
-        while time.monotonic_ns() < until_ns:
+        begin = time.monotonic_ns()
+        if until_ns - begin > SPIN_NS:
+            time.sleep((until_ns - begin - SPIN_NS) * 1e-9)
+        while (now := time.monotonic_ns()) < until_ns:
             pass
+        self._waited_ns += now - begin
+
+    def figures(self) -> dict[str, float]:
+        """For the summary of a run: answers of the drives that were not there in time, and the waiting for the phase of SYNC."""
+        expected = self._reads * sum(drive.synced for drive in self._drives)
+        return {
+            "statuses_expected": expected,
+            "statuses_late": self._missed,
+            "statuses_lost": sum(answers.lost for answers in self._answers.values()),
+            "waiting_us_mean": round(1e-3 * self._waited_ns / max(self._reads, 1), 3),
+        }
 
     def _send_can(self, name: str, frames: list[Frame]) -> None:
         if frames:

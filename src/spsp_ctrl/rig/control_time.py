@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 
 class ControlTime:
     """Where the SYNCs stand on the clock of the transports, followed slowly: one late SYNC moves nothing."""
@@ -62,3 +64,41 @@ class ControlTime:
         if self._offset_ns is None:
             return now_ns
         return min(round(clock_ns - self._offset_ns), now_ns)
+
+
+class Answers:
+    """Which SYNC an answer of a node belongs to: the oldest unanswered one. An answer that was lost is noticed by all later ones being a period late."""
+
+    WATCHED = 50
+    """Answers over which that is judged."""
+    MOST = 10
+    """Periods after which a SYNC will not be answered any more."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._open: deque[tuple[int, int]] = deque()
+        self._least_ns = 1 << 62
+        self._seen = 0
+        self.lost = 0
+        """SYNCs without an answer."""
+
+    def sync(self, sync_ns: int, seq: int) -> None:
+        """A SYNC goes out."""
+        self._open.append((sync_ns, seq))
+        while sync_ns - self._open[0][0] > self.MOST * self._period_ns:
+            self._open.popleft()
+            self.lost += 1
+
+    def match(self, arrived_ns: int) -> tuple[int, int] | None:
+        """Time and number of the SYNC of an answer; None when none is open."""
+        if not self._open:
+            return None
+        found = self._open.popleft()
+        self._least_ns = min(self._least_ns, arrived_ns - found[0])
+        self._seen += 1
+        if self._seen == self.WATCHED:
+            if self._least_ns > 0.95 * self._period_ns and self._open:
+                found = self._open.popleft()
+                self.lost += 1
+            self._least_ns, self._seen = 1 << 62, 0
+        return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import degrees, pi
+from math import pi
 from typing import NamedTuple, Protocol
 
 from spsp_ctrl.config.devices import AngleNode, BusDriver, DriveNode
@@ -163,7 +163,8 @@ class _Angle:
         self._sign = -1 if node.reversed else 1
         self._offset = node.offset_counts
         self.units = node.counts_per_turn or units_per_turn
-        self.encoder = Encoder(node.node, units_per_turn=self.units, turns=max(1, (1 << 31) // self.units), identity=(0x53505350, 0x406, 1, node.node))
+        turns = max(1, (1 << 31) // self.units)
+        self.encoder = Encoder(node.node, units_per_turn=self.units, turns=turns, identity=(0x53505350, 0x406, 1, node.node))
 
     def measure(self, counts: int) -> None:
         self.encoder.counts = self._sign * counts + self._offset
@@ -187,7 +188,8 @@ class VirtualDevices:
         for kind, known, family in (("imu", "mip", d.imu.family), ("stepper", "tmcl", d.azimuth.family)):
             if family != known:
                 raise RigError(f"no simulated {kind} of the family {family!r}; there is: {known}")
-        self._resolvers = [self._angle(node, 1 << a.resolver_bits) for node, a in ((d.resolver_pitch, config.pitch_actuator), (d.resolver_roll, config.roll_actuator))]
+        pairs = ((d.resolver_pitch, config.pitch_actuator), (d.resolver_roll, config.roll_actuator))
+        self._resolvers = [self._angle(node, 1 << actuator.resolver_bits) for node, actuator in pairs]
         self._encoders = [self._angle(node, 1 << ENCODER_BITS) for node in (d.base_pitch, d.base_roll, d.base_yaw)]
         self.imu = MipImu(round(imu_rate_hz))
         self.module = tmcl_device.Module(axes=d.azimuth.motor + 1, address=d.azimuth.address, host=d.azimuth.host)
@@ -272,8 +274,3 @@ class VirtualDevices:
         """The frame of the design as the unit has it: y to the right, z down."""
         return ImuState(roll, -pitch, -yaw, gx, -gy, -gz)
 
-
-def describe(readings: Readings) -> str:
-    """One line for a person."""
-    pitch, roll, yaw = (degrees(angle) for angle in readings.base_rad)
-    return f"base {pitch:+.2f} {roll:+.2f} {yaw:+.2f} deg, motors {readings.pitch.counts} {readings.roll.counts} counts"

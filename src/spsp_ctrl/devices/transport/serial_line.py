@@ -107,7 +107,7 @@ class SerialLine:
 
     def fileno(self) -> int:
         """What to wait on for bytes; -1 once it is closed."""
-        return self._fd
+        return int(self._fd)
 
     def close(self) -> None:
         """Let go of the port."""
