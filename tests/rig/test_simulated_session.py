@@ -13,6 +13,7 @@ from pathlib import Path
 
 import can
 import cantools
+import pytest
 
 from spsp_ctrl.recording.traces import export_trace, import_trace
 
@@ -40,6 +41,9 @@ ports = [m for m in ("serial", "can", "canopen", "spsp_ctrl.devices.transport.py
                      "spsp_ctrl.devices.transport.slcan") if m in sys.modules]
 print("\\n--", json.dumps({"code": code, "devices": devices, "ports": ports}))
 """
+
+
+WATCHED = {"code": 0, "devices": [], "ports": []}
 
 
 def outcome(rig: Path, out: Path) -> dict[str, object]:
@@ -72,16 +76,23 @@ def in_process(tmp_path: Path) -> Path:
     return folder / "rig.yaml"
 
 
-def test_neither_simulated_rig_touches_a_port(tmp_path: Path) -> None:
-    for name, rig in (("plant", ROOT / "config" / "rig.yaml"), ("bytes", in_process(tmp_path))):
-        assert outcome(rig, tmp_path / name) == {"code": 0, "devices": [], "ports": []}, name
+@pytest.fixture(scope="module")
+def encoded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Log of a short run with every byte encoded, inside one process that was watched."""
+    folder = tmp_path_factory.mktemp("encoded")
+    assert outcome(in_process(folder), folder / "run") == WATCHED
+    return folder / "run" / "run.mcap"
 
 
-def test_the_trace_of_a_run_is_read_by_tools_of_the_field(tmp_path: Path) -> None:
+def test_neither_simulated_rig_touches_a_port(tmp_path: Path, encoded: Path) -> None:
+    assert encoded.is_file()
+    assert outcome(ROOT / "config" / "rig.yaml", tmp_path / "plant") == WATCHED
+
+
+def test_the_trace_of_a_run_is_read_by_tools_of_the_field(tmp_path: Path, encoded: Path) -> None:
     """Run with every byte encoded, export its bus, read it with python-can and the shipped DBC: one SYNC and one status of each drive a cycle."""
-    assert outcome(in_process(tmp_path), tmp_path / "run")["code"] == 0
     out = tmp_path / "trace.log"
-    count, bus, problem = export_trace(tmp_path / "run" / "run.mcap", None, "candump", out)
+    count, bus, problem = export_trace(encoded, None, "candump", out)
     assert (bus, problem) == ("can0", "")
     base = cantools.database.load_file(ROOT / "hil" / "devices" / "can0.dbc")
     seen: Counter[str] = Counter()
