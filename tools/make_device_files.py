@@ -1,12 +1,14 @@
-"""EDS files of the simulated nodes and a DBC of everything that is mapped on the buses of a rig file.
+"""EDS files of the simulated nodes, a DBC of everything that is mapped on the buses of a rig file, and that rig file for hardware.
 
-``python -m tools.make_device_files`` writes ``hil/devices/*.eds`` and ``hil/devices/BUS.dbc`` (of ``hil/rig-hil.yaml``); with ``--check`` it writes
-nothing and exits 1 when a file is out of date. They come from the object dictionaries and PDO tables that the code works with.
+``python -m tools.make_device_files`` writes ``hil/devices/*.eds``, ``hil/devices/BUS.dbc`` (of ``hil/rig-hil.yaml``), ``hil/rig-hardware.yaml``; with
+``--check`` it writes nothing and exits 1 when a file is out of date. EDS and DBC come from the object dictionaries and PDO tables that the code works
+with; the hardware file is the HIL file with another ``rig:`` section, since nothing else changes between the virtual rig and a real one.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -108,6 +110,40 @@ def dbc(config: RigConfig, bus: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+HEAD = """# yaml-language-server: $schema=../config/schema/rig.schema.json
+# A rig on hardware: two CiA 402 drives, a MIP inertial unit, a TMCL stepper. Made from rig-hil.yaml by tools/make_device_files.py: only `rig:`,
+# the name and `auto_arm` differ. Copy it, put in your ports, node numbers and serial numbers (docs/hardware.md), and your own mechanism and gains.
+"""
+SECTION = """rig:
+  driver: bus
+  world: hardware                      # asks before each stage; nothing moves before `arm`
+  model: model.yaml                    # the plant as designed: goes into the log, for `spsp-ctrl diagnose`
+  can:
+    can0: {interface: socketcan, channel: can0, bitrate: 1000000}   # any python-can interface: slcan, pcan, kvaser, ...
+  serial:
+    imu: {port: /dev/spsp-imu, baud: 921600}          # names by hil/system/99-spsp-ctrl.rules
+    stepper: {port: /dev/spsp-stepper, baud: 115200}
+  devices:                             # `expect: {serial: ...}` takes what `spsp-ctrl scan` prints: then no other device is accepted
+    drive_pitch: {family: cia402, bus: can0, node: 1}
+    drive_roll: {family: cia402, bus: can0, node: 2}
+    imu: {family: mip, serial: imu}
+    azimuth: {family: tmcl, serial: stepper}
+"""
+
+
+def for_hardware(text: str) -> str:
+    """A rig file with `world: served` as one for hardware. Raises ``ValueError`` when a part is not where it is expected."""
+    body = re.sub(r"\A(#[^\n]*\n)+", HEAD, text)
+    body, rigs = re.subn(r"^rig:\n(?:[ #][^\n]*\n)+", SECTION, body, flags=re.M)
+    body, names = re.subn(r"^name: [^\n]*$", "name: hardware-rig", body, flags=re.M)
+    body, arms = re.subn(r"auto_arm: true[^\n]*", "auto_arm: false                      # an operator arms; a real rig never arms itself", body)
+    if (rigs, names) != (1, 1):
+        raise ValueError("the rig file has not one `rig:` and one `name:`")
+    if not arms:
+        body, arms = re.subn(r"^supervisor:\n", "supervisor:\n  auto_arm: false                      # an operator arms\n", body, flags=re.M)
+    return body if arms else body + "\nsupervisor:\n  auto_arm: false                      # an operator arms; a real rig never arms itself\n"
+
+
 def files(config: RigConfig) -> dict[str, str]:
     """Name and text of every file."""
     drive, encoder = Drive(1, rated_current_ma=2500), Encoder(1)
@@ -129,8 +165,9 @@ def main() -> int:
     given = parser.parse_args()
     stale = 0
     given.out.mkdir(parents=True, exist_ok=True)
-    for name, text in files(load_rig(given.config).model).items():
-        path = given.out / name
+    made = {given.out / name: text for name, text in files(load_rig(given.config).model).items()}
+    made[given.out.parent / "rig-hardware.yaml"] = for_hardware(given.config.read_text(encoding="utf-8"))
+    for path, text in made.items():
         if path.is_file() and path.read_text(encoding="utf-8") == text:
             continue
         stale += 1

@@ -118,7 +118,7 @@ def machine(tmp_path: Path, modules: tuple[str, ...] = ("can", "can_raw"), **int
         folder.mkdir(parents=True)
         (folder / "flags").write_text(flags)
         (folder / "tx_queue_len").write_text("10" if flags == "0x40081" else "100")
-    return Host(tmp_path / "sys", tmp_path / "proc", tmp_path / "by-id")
+    return Host(tmp_path / "sys", tmp_path / "proc", tmp_path / "by-id", lambda channel: "")
 
 
 @pytest.mark.parametrize(
@@ -136,6 +136,31 @@ def test_socketcan_is_looked_at(tmp_path: Path, modules: tuple[str, ...], interf
     row = next(r for r in rows if r.what == "bus can0")
     assert row.state == state
     assert text in f"{row.found} {row.advice}"
+
+
+LINK = """[{"ifname": "can0", "operstate": "UP", "linkinfo": {"info_kind": "can", "info_data": {"state": "%s", "restart_ms": %d,
+    "berr_counter": {"tx": 128, "rx": 3}, "bittiming": {"bitrate": %d, "sample_point": "0.875"}}}}]"""
+"""As iproute2 6.1 prints it for a CAN controller."""
+
+
+@pytest.mark.parametrize(
+    ("state", "restart_ms", "bitrate", "rows"),
+    [
+        ("ERROR-ACTIVE", 100, 1_000_000, [(OK, "socketcan can0, up")]),
+        ("ERROR-ACTIVE", 0, 1_000_000, [(WARN, "does not come back"), (OK, "socketcan can0, up")]),
+        ("ERROR-ACTIVE", 100, 500_000, [(FAIL, "runs at 500000 bit/s, the rig file says 1000000")]),
+        ("ERROR-PASSIVE", 100, 1_000_000, [(FAIL, "is ERROR-PASSIVE (errors: 128 sent, 3 received)")]),
+        ("BUS-OFF", 100, 1_000_000, [(FAIL, "is BUS-OFF")]),
+    ],
+)
+def test_the_state_of_the_controller_is_looked_at(tmp_path: Path, state: str, restart_ms: int, bitrate: int, rows: list[tuple[str, str]]) -> None:
+    host = machine(tmp_path, can0="0x1")._replace(link=lambda channel: LINK % (state, restart_ms, bitrate))
+    found = [row for row in preflight(on_wires(), tmp_path, host) if row.what == "bus can0"]
+    assert [row.state for row in found] == [s for s, _ in rows]
+    assert all(text in row.found for row, (_, text) in zip(found, rows, strict=True))
+    for nothing in ("", "[]", "no json", '[{"ifname": "vcan0", "linkinfo": {"info_kind": "vcan"}}]'):
+        plain = host._replace(link=lambda channel, text=nothing: text)
+        assert [row.state for row in preflight(on_wires(), tmp_path, plain) if row.what == "bus can0"] == [OK]
 
 
 def test_ports_loads_and_worlds_are_looked_at(tmp_path: Path) -> None:

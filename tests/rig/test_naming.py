@@ -15,7 +15,9 @@ from tests.rig.lockstep_devices import Wired, rig_config
 from spsp_ctrl.devices import mip_table as M
 from spsp_ctrl.devices.cia402_device import Drive, MotorReading
 from spsp_ctrl.devices.mip_device import ImuState
+from spsp_ctrl.devices.transport.base import ALL_WELL
 from spsp_ctrl.devices.transport.serial_line import SerialLine
+from spsp_ctrl.devices.transport.trouble import fault
 from spsp_ctrl.devices.watch_host import FROZEN_STAMP_NS, GARBAGE_NS, TWINS_SYNCS
 from spsp_ctrl.messages import Command
 from spsp_ctrl.rig.base import RigError
@@ -204,6 +206,25 @@ class _Answered:
 
     def close(self) -> None:
         self._line.close()
+
+
+def test_a_bus_of_the_drives_that_fails_is_told_to_the_loop(session: Session) -> None:
+    """Bus-off of the adapter: an event, and the name that the session maps to a fault of its table."""
+    bus = session.wired.can["can0"]
+
+    def before(cycle: int) -> None:
+        if cycle == BEGIN:
+            bus.fault = fault("bus-off", "can0")
+        if cycle == BEGIN + 20:
+            bus.fault = ALL_WELL
+
+    session.before = before
+    session.run(BEGIN + 10)
+    assert session.first("bus-off") == 0
+    assert session.rig.trouble() == "bus-off"
+    session.run(BEGIN + 30)
+    assert session.rig.trouble() == ""
+    assert [note.level for _, note in session.notes if note.id == "bus-off"] == ["error", "info"]
 
 
 def test_a_device_clock_of_the_unit_is_what_is_watched() -> None:

@@ -13,7 +13,7 @@ from spsp_ctrl.config.loader import load_rig
 from spsp_ctrl.devices import cia402_host, cia406_host
 from spsp_ctrl.devices.cia402_device import Drive, MotorReading
 from spsp_ctrl.devices.cia406_device import Encoder
-from tools.make_device_files import files
+from tools.make_device_files import files, for_hardware, main
 
 ROOT = Path(__file__).parents[2]
 DRIVER = {
@@ -89,3 +89,27 @@ def test_cantools_reads_what_the_devices_send_and_packs_what_we_send(made: Path)
     assert (angle["angle"], angle["converter_status"]) == (reading.position, 4) == (40_000, 4)
     assert {m.name for m in base.messages} >= {"sync", "drive_pitch_heartbeat", "resolver_pitch_emergency"}
     assert base.decode_message(0x701, b"\x05") == {"state": "operational"}
+
+
+def test_the_shipped_files_are_those_of_the_tool(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sys.argv", ["make_device_files", "--check"])
+    assert main() == 0, capsys.readouterr().out
+
+
+def test_the_hardware_file_is_the_hil_file_with_other_devices() -> None:
+    """Going from the virtual rig to a real one changes the `rig:` section, the name, and who arms; nothing else."""
+    hil, real = (load_rig(ROOT / "hil" / f"rig-{name}.yaml").model for name in ("hil", "hardware"))
+    assert isinstance(real.rig, BusDriver)
+    assert real.rig.world == "hardware"
+    assert not real.supervisor.auto_arm
+    same = {"rig": hil.rig, "name": hil.name, "supervisor": real.supervisor.model_copy(update={"auto_arm": hil.supervisor.auto_arm})}
+    assert real.model_copy(update=same) == hil
+    with pytest.raises(ValueError, match="one `rig:`"):
+        for_hardware("name: x\n")
+
+
+@pytest.mark.peers
+def test_others_load_the_shipped_files() -> None:
+    base = cantools.database.load_file(ROOT / "hil" / "devices" / "can0.dbc")
+    assert {m.name for m in base.messages} >= {"drive_pitch_command", "drive_roll_status"}
+    assert canopen.RemoteNode(2, str(ROOT / "hil" / "devices" / "cia402-drive.eds")).object_dictionary[0x6064].name == "Position actual value"

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
+from spsp_ctrl.config.devices import AngleNode, DriveNode, ImuUnit
 from spsp_ctrl.devices import (
     canopen_host,
     canopen_table,
@@ -20,6 +21,11 @@ from spsp_ctrl.devices import (
     tmcl_host,
     tmcl_table,
 )
+from spsp_ctrl.devices.families.base import DriveSetup, ImuSetup
+from spsp_ctrl.devices.families.cia402 import Cia402Drive
+from spsp_ctrl.devices.families.cia406 import Cia406Angle
+from spsp_ctrl.devices.families.mip import MipUnit
+from spsp_ctrl.devices.families.odrive import OdriveDrive
 from spsp_ctrl.devices.transport.base import EXTENDED, REMOTE
 from spsp_ctrl.devices.transport.slcan_codec import Lines
 from spsp_ctrl.devices.transport.slcan_device import SlcanAdapter
@@ -198,6 +204,50 @@ class SlcanHost(Target):
                 self.wrong(f"no frame: {identifier:X}#{data.hex()}")
 
 
+class RigFamilies(Target):
+    """The families as a rig uses them, all on one bus and one line: whatever arrives, samples stay numbers and nothing is read of a foreign frame."""
+
+    name = "rig families"
+
+    def __init__(self) -> None:
+        super().__init__()
+        drive = DriveNode(bus="can0", node=NODE, temperature_object=0x2002)
+        self._drive = Cia402Drive(drive, DriveSetup(False, 16384, 0.05, 500))
+        self._drive.restore({"rated_a": 2.5, "bus_v": 24.0, "identity": ["a", "b", "c", "d"]})
+        self._odrive = OdriveDrive(DriveNode(bus="can0", node=3, family="odrive"), DriveSetup(True, 16384, 0.05, 500))
+        self._angle = Cia406Angle(AngleNode(bus="can0", node=NODE + 1))
+        self._angle.restore({"units_per_turn": 36000, "span": 36000 * 4096, "identity": ["a", "b", "c", "d"]})
+        self._imu = MipUnit(ImuUnit(serial="imu"), ImuSetup(250.0, 5_000_000))
+        self._imu.restore({"rate_hz": 250.0, "identity": ["a", "b", "c", "d"]})
+        self._n = 0
+
+    def shot(self, rng: Random) -> None:
+        self._n += 1
+        stamp = self._n * 2_000_000
+        identifier, size = rng.choice(
+            ((0x180 + NODE, 8), (0x280 + NODE, 7), (0x080 + NODE, 8), (0x580 + NODE, 8), (0x181 + NODE, 8), (3 << 5 | 1, 8), (3 << 5 | 9, 8))
+        )
+        mutant = frame(rng, identifier, size)
+        before = self._drive.drive, self._drive.shaft, self._angle.shaft, self._odrive.shaft
+        for device in (self._drive, self._odrive, self._angle):
+            device.receive(mutant, stamp, self._n)
+        samples = self._drive.drive, self._drive.shaft, self._angle.shaft, self._odrive.shaft
+        changed = [new is not old for new, old in zip(samples, before, strict=True)]
+        self.count["samples"] += any(changed)
+        known = {0x180 + NODE: 8, 0x181 + NODE: 8, 3 << 5 | 9: 8}
+        if any(changed) and known.get(mutant[0]) != len(mutant[1]):
+            self.wrong(f"{mutant[0]:03X}#{mutant[1].hex()} gave a sample")
+        if self._n % 8 == 0:
+            angles = struct.pack(">3fH", *(rng.uniform(-4, 4) for _ in range(3)), 1)
+            fields = ((mip_table.REFERENCE_TIME, stamp.to_bytes(8, "big")), (mip_table.EULER, angles), (mip_table.ANGULAR_RATE, angles))
+            self._imu.receive(damaged(rng, mip_device.packet(mip_table.FILTER, *fields)), stamp)
+        numbers = (*self._drive.drive[4:], *self._odrive.drive[4:], *(self._imu.imu[4:] if self._imu.imu.valid else ()))
+        if any(x - x != 0.0 for x in numbers):
+            self.wrong(f"a sample that is no number after {mutant[0]:03X}#{mutant[1].hex()}")
+        self._drive.command(rng.random() < 0.5, rng.uniform(-9, 9), 0.0, stamp)
+        self._odrive.command(rng.random() < 0.5, rng.uniform(-9, 9), rng.uniform(-900, 900), stamp)
+
+
 def accepted(kind: str, shots: int, seed: int) -> int:
     """Of ``shots`` messages whose content was replaced by chance under the old checksum, how many pass it."""
     rng = Random(seed)
@@ -225,4 +275,4 @@ EXPECTED = {"mip": 2.0**-16, "tmcl": 2.0**-8}
 
 def host_targets() -> list[Target]:
     """All of them."""
-    return [*frame_decoders(), SdoClient(), MipHost(), TmclHost(), SlcanHost()]
+    return [*frame_decoders(), SdoClient(), MipHost(), TmclHost(), SlcanHost(), RigFamilies()]

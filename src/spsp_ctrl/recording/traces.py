@@ -50,7 +50,7 @@ def _writer(kind: str, path: Path) -> Any:
 def export_trace(path: Path, bus: str | None, kind: str, out: Path, *, force: bool = False) -> tuple[int, str, str]:
     """Frames of one bus of a log, in order of time. Returns their number, the bus, and what was wrong with the log.
 
-    Stamps are wall-clock time where the log knows it, else control time.
+    Stamps are wall-clock time where the log knows it, else control time (from the first frame, when that lies before the run).
     """
     import can
 
@@ -78,6 +78,8 @@ def export_trace(path: Path, bus: str | None, kind: str, out: Path, *, force: bo
     if bus not in buses:
         raise LogError(f"{path}: no frames of a bus {bus!r}; there are {', '.join(buses)}")
     chosen = sorted((f for f in frames if f.name == bus), key=lambda f: f.stamp_ns)
+    if chosen[0].stamp_ns + origin_ns < 0:  # start-up comes before time 0 of the run, and a trace has no negative times
+        origin_ns = -chosen[0].stamp_ns
     part = out.with_name(f".part-{out.name}")
     try:
         writer = _writer(kind, part)
@@ -115,14 +117,16 @@ def import_trace(path: Path, bus: str | None, out: Path, *, force: bool = False)
             writer.start(profile="ros2", library=f"spsp-ctrl {__version__}")
             schema = writer.register_schema(FRAME_NAME, "ros2msg", FRAME_SCHEMA.encode())
             channels: dict[tuple[str, bool], int] = {}
-            first_ns = last_ns = -1
+            first_ns: int | None = None
+            last_ns = 0
             for number, message in enumerate(_messages(can, path)):
                 if message.is_error_frame:
                     continue
                 if message.is_fd or len(message.data) > 8:
                     raise LogError(f"{path}: frame {number + 1} is a CAN FD frame; only classic CAN is understood")
                 stamp_ns = round(message.timestamp * 1e6) * 1000  # a float of seconds holds no more than microseconds since 1970
-                first_ns = stamp_ns if first_ns < 0 else first_ns
+                if first_ns is None:
+                    first_ns = last_ns = stamp_ns
                 if stamp_ns < last_ns:
                     back = f"{(last_ns - stamp_ns) * 1e-6:.3f} ms earlier than the one before"
                     raise LogError(f"{path}: frame {number + 1} is {back}; sort the trace by time")

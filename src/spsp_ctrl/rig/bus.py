@@ -248,6 +248,10 @@ class BusRig:
         """Troubles of buses, lines and nodes that began or ended since the last call."""
         return self._watch.notes()
 
+    def trouble(self) -> str:
+        """Fault of a bus of the drives by its name (``transport.trouble``), which no measurement shows; empty for none."""
+        return self._watch.trouble()
+
     # ---- the cycle -------------------------------------------------------------------------------------------------------
 
     def read(self, now_ns: int) -> Measurement:

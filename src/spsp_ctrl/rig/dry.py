@@ -17,7 +17,9 @@ from spsp_ctrl.rig.wires import open_wires
 
 CYCLES = 4
 KEEP = 100_000
-_NMT = {C.NMT_START: "start", C.NMT_STOP: "stop", C.NMT_PRE_OPERATIONAL: "pre-operational", C.NMT_RESET_NODE: "reset", C.NMT_RESET_COMMUNICATION: "reset"}
+_NMT = {C.NMT_START: "start", C.NMT_STOP: "stop", C.NMT_PRE_OPERATIONAL: "pre-operational"} | dict.fromkeys(
+    (C.NMT_RESET_NODE, C.NMT_RESET_COMMUNICATION), "reset"
+)
 
 
 class Kept:

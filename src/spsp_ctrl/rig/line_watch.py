@@ -27,6 +27,7 @@ class LineWatch:
     def __init__(self, driver: BusDriver, can: Mapping[str, CanTransport], serial: Mapping[str, SerialTransport]) -> None:
         self._transports: dict[str, CanTransport | SerialTransport] = {**can, **serial}
         devices = driver.devices
+        self._of_drives = [can[name] for name in dict.fromkeys((devices.drive_pitch.bus, devices.drive_roll.bus))]
         self._twins = {
             (node.bus, C.TPDO1 + node.node): TwinWatch(name, node.node)
             for name, node in devices.nodes()
@@ -68,6 +69,16 @@ class LineWatch:
             return self._new
         found, self._new = self._new, []
         return found
+
+    def trouble(self) -> str:
+        """Fault of a bus of the drives: they may not hear us any more, whatever they say. Empty while there is none.
+
+        A line that is gone shows as a signal that grows old; the judge of the loop knows what each one is worth.
+        """
+        for bus in self._of_drives:
+            if bus.fault.id:
+                return bus.fault.id
+        return ""
 
     @property
     def holding(self) -> list[Note]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import grp
 import importlib.util
+import json
 import os
 import resource
 import shutil
 import stat
-from collections.abc import Iterator
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +24,14 @@ OK, WARN, FAIL = "ok", "warning", "FAIL"
 MB = 1_000_000
 LOG_MB_S = 1.0
 """A log at 1 kHz, rounded up."""
+
+
+def _ip_link(channel: str) -> str:
+    try:
+        done = subprocess.run(["ip", "-json", "-details", "link", "show", channel], capture_output=True, text=True, check=False, timeout=2.0)
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return done.stdout
 
 
 class Row(NamedTuple):
@@ -39,6 +49,29 @@ class Host(NamedTuple):
     sys: Path = Path("/sys")
     proc: Path = Path("/proc")
     by_id: Path = Path("/dev/serial/by-id")
+    link: Callable[[str], str] = _ip_link
+    """What `ip` says of an interface, as JSON; empty when it says nothing."""
+
+
+class Controller(NamedTuple):
+    """State of a CAN controller as the kernel tells it."""
+
+    bitrate: int
+    state: str
+    restarts: bool
+    counters: str
+
+
+def _controller(text: str) -> Controller:
+    """From the answer of `ip -json -details link show`; zeros and empty texts for what is not in it (vcan has none of it)."""
+    try:
+        data = json.loads(text)[0]["linkinfo"]["info_data"]
+    except (ValueError, LookupError, TypeError):
+        return Controller(0, "", False, "")
+    errors = data.get("berr_counter") or {}
+    counters = f" (errors: {errors['tx']} sent, {errors['rx']} received)" if "tx" in errors and "rx" in errors else ""
+    bitrate = (data.get("bittiming") or {}).get("bitrate", 0)
+    return Controller(int(bitrate), str(data.get("state", "")), bool(data.get("restart_ms", 0)), counters)
 
 
 HERE = Host()
@@ -104,6 +137,17 @@ def _socketcan(what: str, bus: CanBus, host: Host) -> Iterator[Row]:
     if not flags & 1:
         yield Row(FAIL, what, f"{bus.channel} is down", f"sudo ip link set {bus.channel} up type can bitrate {bus.bitrate} restart-ms 100")
         return
+    controller = _controller(host.link(bus.channel))
+    if controller.bitrate and controller.bitrate != bus.bitrate:
+        found = f"{bus.channel} runs at {controller.bitrate} bit/s, the rig file says {bus.bitrate}"
+        yield Row(FAIL, what, found, f"sudo ip link set {bus.channel} down; sudo ip link set {bus.channel} up type can bitrate {bus.bitrate}")
+        return
+    if controller.state in ("BUS-OFF", "ERROR-PASSIVE", "STOPPED"):
+        yield Row(FAIL, what, f"{bus.channel} is {controller.state}{controller.counters}", "termination, bit rate of the other nodes, cable")
+        return
+    if controller.bitrate and not controller.restarts:
+        advice = f"sudo ip link set {bus.channel} type can restart-ms 100"
+        yield Row(WARN, what, f"{bus.channel} does not come back by itself after bus-off", advice)
     queue = int(_text(folder / "tx_queue_len") or "0")
     advice = f"sudo ip link set {bus.channel} txqueuelen 100" if queue < 50 else ""
     yield Row(WARN if queue < 50 else OK, what, f"socketcan {bus.channel}, up, send queue {queue}", advice)

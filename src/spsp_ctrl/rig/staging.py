@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Any
 
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.messages import Command, Measurement, Truth
@@ -28,7 +28,10 @@ class NeverEnabled:
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
-        self.notes: Callable[[], object] | None = getattr(rig, "notes", None)
+
+    def __getattr__(self, name: str) -> Any:
+        """Whatever else the rig has (raw frames, notes of its lines)."""
+        return getattr(self._rig, name)
 
     def open(self) -> RigIdentity:
         """See ``Rig``."""

@@ -117,7 +117,7 @@ def run_loop(
     ending = ""
     now = time.perf_counter_ns
     record_ns = 0
-    notes = getattr(rig, "notes", None)
+    line_notes = getattr(rig, "notes", None)
 
     def event(level: str, id: str, text: str, stamp_ns: int) -> None:
         result.events.append({"stamp_ns": stamp_ns, "level": level, "id": id, "text": text})
@@ -152,8 +152,8 @@ def run_loop(
                 control = control._replace(command=sent)
             after_write = now()
 
-            if notes is not None:
-                for level, id, text in notes():
+            if line_notes is not None:
+                for level, id, text in line_notes():
                     event(level, id, text, now_ns)
             if skipped:
                 result.skipped += skipped

@@ -49,7 +49,7 @@ class OdriveDrive:
             self.done = True
         elif now_ns - self._first_ns > self.START_TIMEOUT_NS:
             self.problem = f"the ODrive at node {self._node} sends no {'heartbeat' if self._heard is None else 'version'}"
-        return [host.query(self._node, T.VERSION)] if begin else []
+        return [_ask(self._node, T.VERSION)] if begin else []
 
     def facts(self) -> dict[str, Any]:
         """See ``Dialogue``."""
@@ -62,7 +62,7 @@ class OdriveDrive:
 
     def operate(self) -> list[Frame]:
         """See ``DriveFamily``."""
-        return [host.query(self._node, T.BUS)]
+        return [_ask(self._node, T.BUS)]
 
     def prepare(self) -> list[Frame]:
         """See ``DriveFamily``."""
@@ -96,7 +96,7 @@ class OdriveDrive:
             out.append(host.torque(self._node, torque))
         self._turn = (self._turn + 1) % max(1, self._setup.rate_hz // 100)
         if self._turn == 0:
-            out += [host.query(self._node, T.CURRENTS), host.query(self._node, T.BUS)]
+            out += [_ask(self._node, T.CURRENTS), _ask(self._node, T.BUS)]
         return out
 
     def reset(self) -> None:
@@ -117,3 +117,9 @@ class OdriveDrive:
     def leave(self) -> list[Frame]:
         """See ``DriveFamily``."""
         return [host.set_state(self._node, T.IDLE)]
+
+
+def _ask(node: int, command: int) -> Frame:
+    """A question as a real bus wants it: a remote frame."""
+    identifier, data = host.query(node, command)
+    return identifier | T.REMOTE, data

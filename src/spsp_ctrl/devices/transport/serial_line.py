@@ -51,7 +51,7 @@ class SerialLine:
         with suppress(OSError, ValueError, AttributeError, NotImplementedError):
             self._port.set_low_latency_mode(True)  # FTDI adapters hold bytes back for 16 ms otherwise
         self._name = port
-        self._fd = self._port.fileno()
+        self._fd: int = self._port.fileno()
         os.set_blocking(self._fd, False)
         self._poller = select.poll()
         self._poller.register(self._fd, select.POLLIN)
