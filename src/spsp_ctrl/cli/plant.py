@@ -24,11 +24,19 @@ def plant() -> None:
 @click.option("--scenario", type=click.Path(path_type=Path), help="Play this scenario instead of the file's own.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of noise and roughness.")
 @click.option("--sessions", type=click.IntRange(0), default=0, show_default=True, help="End after so many controllers have come and gone; 0: never.")
+@click.option("--at-once", is_flag=True, help="The swing begins now, not with a controller: for other clients of the devices.")
 @click.option("--parent", type=int, hidden=True, help="End when this process has gone.")
 @JSON
 @guarded
 def serve(
-    config: Path, overrides: tuple[str, ...], scenario: Path | None, seed: int | None, sessions: int, parent: int | None, as_json: bool
+    config: Path,
+    overrides: tuple[str, ...],
+    scenario: Path | None,
+    seed: int | None,
+    sessions: int,
+    at_once: bool,
+    parent: int | None,
+    as_json: bool,
 ) -> None:
     """Play drives, encoders, IMU and stepper of a rig file in real time, around the plant.
 
@@ -42,7 +50,7 @@ def serve(
     served = load_served(config, overrides)
     driver = served.driver
     played = load_scenario(scenario or served.scenario).model
-    world = ServedWorld(served.rig, driver, load_model(served.model), played, driver.seed if seed is None else seed)
+    world = ServedWorld(served.rig, driver, load_model(served.model), played, driver.seed if seed is None else seed, at_once=at_once)
     interrupted = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: interrupted.append(1))

@@ -89,16 +89,14 @@ def start(measurement: Measurement, p: LawParams) -> EstimatorState:
         flank_roll=Flank(0.0, 0.0, 1.0),
     )
 
-BRIDGED = 4.0
-"""Cycles over which a resolver that has not come is taken to go on."""
-
-
 def _motor(
     state: MotorState, axis: AxisParams, p: LawParams, resolver: ResolverSample, drive: DriveSample, now_ns: int, dt: float
 ) -> MotorState:
     angle = resolver.counts * axis.rad_per_count
     late_ns = now_ns - resolver.stamp_ns
-    if late_ns and abs(late_ns) * 1e-9 < BRIDGED * p.period_s:  # SYNCs on a wire are not equidistant: 20 us are 1 % of the speed at 500 Hz
+    if late_ns:
+        # SYNCs on a wire are not equidistant (20 us are 1 % of the speed at 500 Hz), and an answer that has not come is taken to go on:
+        # without, the observer would see the motor stop for a cycle. How long that may last is the judge's affair
         angle += state.speed * late_ns * 1e-9
     return motor_observer.step(
         state,

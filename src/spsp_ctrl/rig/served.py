@@ -121,14 +121,17 @@ def _open_bus(interface: str, channel: str, bitrate: int, options: dict[str, str
 class ServedWorld:
     """Plant and devices of one virtual rig in real time."""
 
-    def __init__(self, config: RigConfig, driver: BusDriver, model: PlantModel, scenario: Scenario, seed: int) -> None:
-        """Opens every bus and port. Raises ``RigError``."""
+    def __init__(
+        self, config: RigConfig, driver: BusDriver, model: PlantModel, scenario: Scenario, seed: int, *, at_once: bool = False
+    ) -> None:
+        """Opens every bus and port. ``at_once``: time begins now, and nobody's leaving starts it anew. Raises ``RigError``."""
         if not IS_COMPILED:
             raise RigError(f"the plant cannot keep real time in plain Python ({WHY_PLAIN})")
         if driver.world != "served":
             raise RigError(f"`world: {driver.world}`: only a rig file with `world: served` can be served")
         self._made = (config, driver, model, scenario, seed)
         self._driver = driver
+        self._at_once = at_once
         self._sensor_error_c = scenario.temperature.sensor_error_c
         self._dropouts = tuple(span for d in scenario.dropouts for span in d.spans_s)
         self._buses: dict[str, CanTransport | _SlcanEnd] = {}
@@ -165,8 +168,8 @@ class ServedWorld:
         self._imu_rate_hz = float(p[G.imu_rate_hz])
         self._imu_delay_ns = round(float(p[G.imu_delay_s] + p[G.imu_added_delay_s]) * 1e9)
         self._devices = VirtualDevices(config, driver, self._imu_rate_hz)
-        self._begun_ns: int | None = None
         self._boot_ns = time.monotonic_ns()
+        self._begun_ns: int | None = self._boot_ns if self._at_once else None
         self._heard_ns = 0
         self._left = False
         self._frame_number = 0
@@ -233,11 +236,9 @@ class ServedWorld:
             frames = self._devices.tick(name, now)
             if frames:
                 bus.send(frames)
-        orders = self._devices.orders()
-        if orders != self._orders:  # a drive has stopped by itself
-            self._orders = orders
-            self._act()
-        if self._begun_ns is not None and (self._left or now - self._heard_ns > SILENCE_NS):
+        self._orders = self._devices.orders()  # a drive may have stopped by itself, a stepper is on its way
+        self._act()
+        if self._begun_ns is not None and not self._at_once and (self._left or now - self._heard_ns > SILENCE_NS):
             self.sessions += 1
             self._fresh()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import pi
+from math import pi, radians
 from typing import NamedTuple, Protocol
 
 from spsp_ctrl.config.devices import AngleNode, BusDriver, DriveNode
@@ -202,6 +202,9 @@ class VirtualDevices:
         self._microsteps_per_rad = a.gear_ratio * a.full_steps_per_turn * a.microsteps / (2.0 * pi)
         if d.azimuth.bus is not None:
             self._on_bus[d.azimuth.bus].append(lambda frame, now_ns: self._module_can(*frame))
+        limits = config.limits
+        for number, degrees in ((T.MAX_SPEED, limits.azimuth_rate_deg_s), (T.MAX_ACCELERATION, limits.azimuth_accel_deg_s2)):
+            self._stepper.parameters[number] = round(radians(degrees) * self._microsteps_per_rad)
         self._dt_s = 1.0 / config.rate_hz
 
     def _angle(self, node: AngleNode | None, units: int) -> _Angle | None:
