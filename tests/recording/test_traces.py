@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import can
@@ -116,3 +117,20 @@ def test_a_log_without_raw_frames_says_so(tmp_path: Path) -> None:
     done = CliRunner().invoke(cli, ["log", "export", str(fixture), "--to", "asc", "--out", str(tmp_path / "x.asc")])
     assert done.exit_code == 4
     assert "no raw frames" in done.output
+
+
+def test_raw_topics_are_printed_and_a_wrong_one_named(imported: Path) -> None:
+    def cat(*words: str) -> tuple[int, list[str]]:
+        done = CliRunner().invoke(cli, ["log", "cat", str(imported), *words])
+        return done.exit_code, done.output.splitlines()
+
+    code, lines = cat("/raw/can0", "--start", "0.0004", "--limit", "2")
+    assert code == 0
+    assert [json.loads(line) for line in lines] == [
+        {"stamp_ns": 500_000, "sent": False, "id": "201", "data": "0f00f401"},
+        {"stamp_ns": 900_000, "sent": False, "id": "1ABCDEF0", "data": "0102"},
+    ]
+    assert len(cat("/raw/can0/rx")[1]) == 6
+    code, lines = cat("/raw/can1")
+    assert (code, "/raw/can0/rx" in lines[-1]) == (4, True)
+    assert cat("/raw/can0/rx", "-f", "id")[0] == 4

@@ -176,6 +176,8 @@ def test_ports_loads_and_worlds_are_looked_at(tmp_path: Path) -> None:
     assert any("bitrate" in r.found for r in full if r.what == "traffic")
     served = preflight(on_wires("served"), tmp_path, host)
     assert sum(r.what == "world" and r.state == FAIL for r in served) == 3
+    assert any(r.what == "plant server" and "plant serve" in r.advice for r in served)
+    assert not any(r.what == "plant server" for r in rows)
     file = preflight(on_wires(port=str(tmp_path / "file")), tmp_path, host)
     assert {r.state for r in file if r.what.startswith("line")} == {FAIL}
 

@@ -18,7 +18,7 @@ from spsp_ctrl.devices.mip_device import ImuState
 from spsp_ctrl.devices.transport.base import ALL_WELL
 from spsp_ctrl.devices.transport.serial_line import SerialLine
 from spsp_ctrl.devices.transport.trouble import fault
-from spsp_ctrl.devices.watch_host import FROZEN_STAMP_NS, GARBAGE_NS, TWINS_SYNCS
+from spsp_ctrl.devices.watch_host import FROZEN_STAMP_NS, GARBAGE_NS, REPEATS, TWINS_SYNCS
 from spsp_ctrl.messages import Command
 from spsp_ctrl.rig.base import RigError
 from spsp_ctrl.rig.bus import BusRig
@@ -131,8 +131,23 @@ def test_a_wrong_baud_rate_and_a_dead_line_at_start_up(session: Session, answer:
         session.rig.open()
 
 
-def test_a_frozen_status_while_moving_comes_through_as_new_samples_of_one_position(session: Session) -> None:
-    """What the judge needs to name it: sequence and stamp go on, the count stands though the command turns the motor."""
+def test_a_motor_that_is_braked_repeats_nothing(session: Session) -> None:
+    """From 40 counts a cycle to rest within eight cycles, then at rest for long."""
+    drive = session.wired.devices.drives[0].drive  # type: ignore[attr-defined]
+    place = 0
+
+    def before(cycle: int) -> None:
+        nonlocal place
+        place += 40 if cycle < BEGIN else max(0, 40 - 5 * (cycle - BEGIN))
+        drive.motor = MotorReading(place, 300)
+
+    session.before = before
+    session.run(500)
+    assert session.notes == []
+
+
+def test_a_frozen_status_while_moving_is_named_and_comes_through_as_new_samples_of_one_position(session: Session) -> None:
+    """What the judge needs to act: sequence and stamp go on, the count stands though the command turns the motor."""
     drive = session.wired.devices.drives[0].drive  # type: ignore[attr-defined]
 
     def before(cycle: int) -> None:
@@ -145,6 +160,8 @@ def test_a_frozen_status_while_moving_comes_through_as_new_samples_of_one_positi
     assert len({s.seq for s in frozen}) == len({s.stamp_ns for s in frozen}) == len(frozen)
     moving = [m.resolver_pitch.counts for m in session.measured[10:BEGIN]]
     assert len(set(moving)) == len(moving)
+    assert session.first("frozen-status") <= REPEATS + 1
+    assert "drive_pitch: turned at 40 counts" in session.notes[0][1].text
 
 
 @pytest.fixture

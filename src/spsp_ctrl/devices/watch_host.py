@@ -14,6 +14,8 @@ GARBAGE_NS = 100_000_000
 TWINS_SYNCS = 3
 """Declared time of ``TwinWatch`` in SYNCs (one more to judge the last); ``_CREDIT`` more after lost statuses."""
 _CREDIT = 5
+REPEATS, MOVING_COUNTS = 3, 8
+"""``RepeatWatch``: named with the third repeat of a status; speeds below this can end within one SYNC."""
 FROZEN_STAMP_NS = 50_000_000
 """Declared time of ``StampWatch``."""
 
@@ -75,6 +77,36 @@ class TwinWatch:
     def status(self) -> None:
         """A cyclic status of the node has arrived."""
         self._in_this += 1
+
+
+class RepeatWatch:
+    """A drive whose status repeats itself while its motor must turn: from at least ``MOVING_COUNTS`` a SYNC to the very same bytes, without a way.
+
+    A motor that is braked passes the speeds between; one that is stopped by a hard blow looks the same for once, and deserves the words too.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._payload = b""
+        self._counts = 0
+        self._speed = 0
+        self._repeats = 0
+
+    def status(self, data: bytes) -> tuple[str, str]:
+        """A cyclic status (statusword, position, torque) has arrived. Identifier and text."""
+        payload = data[2:]
+        if payload == self._payload:
+            self._repeats += 1
+        else:
+            counts = int.from_bytes(payload[:4], "little", signed=True)
+            self._speed, self._repeats = abs(counts - self._counts), 0
+            self._payload, self._counts = payload, counts
+        if self._repeats < REPEATS or self._speed < MOVING_COUNTS:
+            return "", ""
+        return "frozen-status", (
+            f"{self._name}: turned at {self._speed} counts a SYNC and then sent the same position and torque {self._repeats + 1} times; "
+            "the drive repeats an old status, or the shaft was stopped at once, or its resolver has come loose"
+        )
 
 
 class AnswerWatch:

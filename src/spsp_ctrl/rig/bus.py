@@ -310,7 +310,7 @@ class BusRig:
         arrived = bus.poll(now_ns)
         stamp, seq = self._time.sync_ns, self._time.sync_seq
         for t, identifier, data in arrived:
-            self._watch.frame(name, identifier)
+            self._watch.frame(name, identifier, data)
             frame = (identifier, data)
             of_ns, of_seq = stamp, seq
             if not self._immediate:

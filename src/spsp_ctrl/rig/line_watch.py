@@ -9,7 +9,9 @@ from typing import NamedTuple
 from spsp_ctrl.config.devices import BusDriver
 from spsp_ctrl.devices import canopen_table as C
 from spsp_ctrl.devices.transport.base import CanTransport, SerialTransport
-from spsp_ctrl.devices.watch_host import StampWatch, StreamWatch, TwinWatch
+from spsp_ctrl.devices.watch_host import RepeatWatch, StampWatch, StreamWatch, TwinWatch
+
+_STATUS_BYTES = sum(bits for _, _, bits in C.STATUS_PDO) // 8
 
 
 class Note(NamedTuple):
@@ -33,6 +35,11 @@ class LineWatch:
             for name, node in devices.nodes()
             if getattr(node, "family", "") in ("cia402", "cia406")
         }
+        self._repeats = {
+            (node.bus, C.TPDO1 + node.node): RepeatWatch(name)
+            for name, node in (("drive_pitch", devices.drive_pitch), ("drive_roll", devices.drive_roll))
+            if node.family == "cia402"
+        }
         line = devices.imu.serial
         self._stream = StreamWatch(f"imu on {line} ({driver.serial[line].port})", driver.serial[line].baud)
         self._stamp = StampWatch("imu")
@@ -44,11 +51,15 @@ class LineWatch:
         for twin in self._twins.values():
             self._say(f"twin {id(twin)}", *twin.sync(now_ns))
 
-    def frame(self, bus: str, identifier: int) -> None:
+    def frame(self, bus: str, identifier: int, data: bytes) -> None:
         """A frame has arrived."""
-        twin = self._twins.get((bus, identifier))
+        place = (bus, identifier)
+        twin = self._twins.get(place)
         if twin is not None:
             twin.status()
+        repeat = self._repeats.get(place)
+        if repeat is not None and len(data) == _STATUS_BYTES:
+            self._say(f"repeat {identifier}", *repeat.status(data))
 
     def imu(self, now_ns: int, heard_bytes: int, device_ns: int | None) -> None:
         """What this cycle has heard of the IMU: bytes, and the device's own time of the newest frame (None: no frame)."""

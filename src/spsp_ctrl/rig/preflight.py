@@ -90,6 +90,8 @@ def preflight(config: RigConfig, runs: Path, host: Host = HERE) -> list[Row]:
         for name, line in driver.serial.items():
             rows += _serial(name, line, host)
         rows += [Row(FAIL, "traffic", text) for text in refusals(config)]
+        if driver.world == "served" and any(row.state == FAIL and "no such port" in row.found for row in rows):
+            rows.append(Row(FAIL, "plant server", "its ports are not there", "start it in another terminal: spsp-ctrl plant serve --config FILE"))
         touched = list(hardware(driver))
         if driver.world == "hardware" and not touched:
             rows.append(Row(WARN, "world", "`hardware`, but nothing in the file is", "say `world: served` for a plant server"))
