@@ -236,25 +236,49 @@ def test_a_log_that_cannot_be_opened_is_refused_before_the_clock_starts(tmp_path
         Recorder(folder / "run.mcap", real_time=False)
 
 
-def test_a_full_file_system_is_reported_and_the_run_ends_cleanly(tmp_path: Path) -> None:
+LIMIT = 300_000
+
+
+def when_running(monkeypatch: pytest.MonkeyPatch, now_ns: int, do: Callable[[int], object]) -> None:
+    """``do(pid of the writer)`` once, at the first cycle from ``now_ns`` on."""
+    read: Callable[[SimulatedRig, int], Measurement] = SimulatedRig.read
+    done: list[int] = []
+
+    def doing(self: SimulatedRig, at_ns: int) -> Measurement:
+        if at_ns >= now_ns and not done:
+            done.append(writer_pid())
+            do(done[0])
+        return read(self, at_ns)
+
+    monkeypatch.setattr(SimulatedRig, "read", doing)
+
+
+@pytest.mark.parametrize("clock", [("--fast",), ()], ids=["lock-step", "real-time"])
+def test_a_full_file_system_is_reported_and_the_run_ends_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: tuple[str, ...]) -> None:
     folder = tmp_path / "run"
-    arguments = ["run", "-c", str(RIG), "--fast", "--duration", "1", "--out", str(folder), "--json"]
-    limit = 300_000
-    program = "from spsp_ctrl.cli import main; main()"
-    run = subprocess.run(
-        [sys.executable, "-c", program, *arguments],
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
-    )
-    assert run.returncode == 4, run.stderr
-    assert "Traceback" not in run.stderr
+    when_running(monkeypatch, 0, lambda pid: resource.prlimit(pid, resource.RLIMIT_FSIZE, (LIMIT, LIMIT)))
+    run = command("run", "-c", RIG, *clock, "--duration", "1", "--out", folder, "--json")
+    assert run.exit_code == 4, run.output
     assert "File too large" in run.stderr
     assert "records lost" in run.stderr
     summary = json.loads(run.stdout)
-    assert summary["ended"] == "completed"
+    assert summary["ended"] == "completed", "control goes on"
     assert summary["log"]["lost"] > 0
     data = read_log(folder / "run.mcap")
     assert not data.complete
-    assert (folder / "run.mcap").stat().st_size <= limit
+    assert (folder / "run.mcap").stat().st_size <= LIMIT
     assert len(data.topics["/control"]) > 50
+
+
+def test_a_limit_on_files_that_leaves_no_shared_memory_is_refused_in_one_line(tmp_path: Path) -> None:
+    """``ulimit -f`` holds for the memory of the ring as well: said before anything moves."""
+    arguments = ["run", "-c", str(RIG), "--fast", "--duration", "1", "--out", str(tmp_path / "run"), "--json"]
+    run = subprocess.run(
+        [sys.executable, "-c", "from spsp_ctrl.cli import main; main()", *arguments],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (LIMIT, LIMIT)),
+    )
+    assert run.returncode == 2
+    assert len(run.stderr.strip().splitlines()) == 1
+    assert "ulimit -f" in run.stderr
