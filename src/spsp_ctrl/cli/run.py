@@ -79,7 +79,7 @@ def run(
         problem = result.summary["log"]["problem"] or "the loop was faster than the log writer"
         click.echo(f"{folder / 'run.mcap'} is not complete: {lost} records lost ({problem})", err=True)
     ended = result.loop.ended
-    if ended.startswith("fault"):
+    if ended.startswith(("fault", "stopped: deadline")):
         raise SystemExit(EXIT_RIG)
     if ended == "interrupted":
         raise SystemExit(EXIT_INTERRUPTED)
@@ -118,7 +118,7 @@ def _plan(
 def _progress_line(quiet: bool) -> Callable[[str], None]:
     if quiet:
         return lambda text: None
-    return lambda text: click.echo(text, err=True)
+    return lambda text: click.secho(text, err=True, fg="red" if text.startswith("degraded") else None)
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""The process that writes the log: takes framed messages from a ring in shared memory until its standard input ends, so it outlives a killed controller.
+"""The process that writes the log: takes frames from a ring in shared memory until its standard input ends, so it outlives a killed controller.
 
 ``python -m spsp_ctrl.recording.writer_process FILE FD`` where FD is the memory file of the ring; the frames are those of ``recording.frames``.
 """

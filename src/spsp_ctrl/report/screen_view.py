@@ -249,6 +249,8 @@ def _loop(status: Status, width: int) -> list[Text]:
         )
 
     rate = Text.assemble(("rate ", "bold"), f"{_fixed(status.get('rate_hz'), 0)} Hz   ", _skips(status))
+    if status.get("degraded"):
+        rate.append("   degraded", "bold red")
     return [pair("lateness", "lateness"), pair("compute", "compute"), rate]
 
 
