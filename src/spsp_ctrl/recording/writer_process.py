@@ -10,13 +10,14 @@ import select
 import signal
 import struct
 import sys
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import MessageIndex
+from mcap.records import ChunkIndex, MessageIndex
 from mcap.writer import CompressionType, Writer
 
 from spsp_ctrl import __version__
@@ -40,6 +41,30 @@ class _Index(MessageIndex):
         stream.finish_record()
 
 
+class _ChunkIndices:
+    """The library's list of chunk indices (for the end of the file), kept in a nameless file: a chunk 20 times a second would make memory grow for ever."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._file: BinaryIO = tempfile.TemporaryFile(dir=folder)
+
+    def append(self, index: ChunkIndex) -> None:
+        record = RecordBuilder()
+        index.write(record)
+        self._file.write(record.end())
+
+    def __iter__(self) -> Iterator[_ChunkIndices]:
+        return iter((self,))
+
+    def write(self, stream: RecordBuilder) -> None:
+        """All of them, as the library writes one."""
+        self._file.seek(0)
+        while block := self._file.read(1 << 20):
+            stream.write(block)
+
+    def close(self) -> None:
+        self._file.close()
+
+
 class McapLog:
     """An MCAP file whose chunks close at 64 KiB or after 50 ms of log time, whichever comes first."""
 
@@ -61,6 +86,9 @@ class McapLog:
         # the library adds messages one by one; whole cycles go straight into its open chunk
         library: Any = self._writer
         self._chunk, self._statistics = library._Writer__chunk_builder, library._Writer__statistics
+        name = getattr(stream, "name", None)
+        self._chunks = _ChunkIndices(Path(name).parent if isinstance(name, str) else None)
+        library._Writer__chunk_indices = self._chunks
         self._places = tuple(zip(self._channels, OFFSETS, strict=False))
         self._chunk_start_ns = 0
         self.flush()
@@ -113,6 +141,7 @@ class McapLog:
     def finish(self) -> None:
         """Index and footer."""
         self._writer.finish()
+        self._chunks.close()
         self._stream.flush()
 
 
