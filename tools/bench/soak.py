@@ -1,6 +1,6 @@
 """A long run in real time under load: is memory flat, do the counters agree, is the log whole?
 
-``python -m tools.bench.soak [--minutes 30] [--load 2] [--out DIR]``; the load is ``stress-ng`` where it is installed, else loops of Python, at nice 19.
+``python -m tools.bench.soak [--minutes 30] [--load 2] [--out DIR]``; the load is ``stress-ng`` where it is installed, else loops of Python; nice 19.
 """
 
 from __future__ import annotations
@@ -65,8 +65,11 @@ def resident_kib(pid: int | str = "self") -> int:
     return (int(fields[1]) - int(fields[2])) * PAGE_KIB
 
 
+_MALL_INFO = ("arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks", "fsmblks", "uordblks", "fordblks", "keepcost")
+
+
 class _MallInfo(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_size_t) for name in "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost".split()]
+    _fields_ = [(name, ctypes.c_size_t) for name in _MALL_INFO]
 
 
 def allocated_kib() -> float:
@@ -185,7 +188,8 @@ def quantiles(values_ns: list[int]) -> dict[str, float]:
     ordered = sorted(values_ns)
     if not ordered:
         return {}
-    return {name: ordered[min(len(ordered) - 1, int(q * len(ordered)))] * 1e-3 for name, q in (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0))}
+    shares = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
+    return {name: ordered[min(len(ordered) - 1, int(q * len(ordered)))] * 1e-3 for name, q in shares.items()}
 
 
 def judge(f: dict[str, Any], seconds: float, rate_hz: int) -> list[str]:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import os
 import select
 import signal
 import struct
@@ -42,10 +43,10 @@ class _Index(MessageIndex):
 
 
 class _ChunkIndices:
-    """The library's list of chunk indices (for the end of the file), kept in a nameless file: a chunk 20 times a second would make memory grow for ever."""
+    """The library's list of chunk indices (for the end of the file) in a nameless file: a chunk 20 times a second would make memory grow for ever."""
 
     def __init__(self, folder: Path | None) -> None:
-        self._file: BinaryIO = tempfile.TemporaryFile(dir=folder)
+        self._file: BinaryIO = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - lives as long as the log
 
     def append(self, index: ChunkIndex) -> None:
         record = RecordBuilder()
@@ -86,8 +87,8 @@ class McapLog:
         # the library adds messages one by one; whole cycles go straight into its open chunk
         library: Any = self._writer
         self._chunk, self._statistics = library._Writer__chunk_builder, library._Writer__statistics
-        name = getattr(stream, "name", None)
-        self._chunks = _ChunkIndices(Path(name).parent if isinstance(name, str) else None)
+        file = getattr(stream, "name", None)
+        self._chunks = _ChunkIndices(Path(file).parent if isinstance(file, str | os.PathLike) else None)
         library._Writer__chunk_indices = self._chunks
         self._places = tuple(zip(self._channels, OFFSETS, strict=False))
         self._chunk_start_ns = 0
