@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from tools.bench import punctual
 from tools.bench.punctual import Row, default_cpu, pooled
 from tools.bench.reference_cycle import build

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from tools.bench import soak
 
 SHORT_S, LONG_S = 5.0, 1800.0

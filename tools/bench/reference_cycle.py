@@ -1,6 +1,6 @@
 """A control cycle that never changes: the measure against which the cycle of the program is held, on the same core at the same time.
 
-It is the prototype of the first study of this machine: a compiled plant of three axes (4 sub-steps), a 40-byte IMU frame built and decoded with its
+It is the prototype of the first study: a compiled plant of three axes (4 sub-steps), a 40-byte IMU frame built and decoded with its
 checksum, an estimator, a cascade of three axes in scalar Python, two CAN frames and one log record. Imports nothing of the program. Do not improve it.
 """
 
@@ -37,7 +37,7 @@ def plant(x: NDArray[np.float64], u: NDArray[np.float64], dt: float, substeps: i
 class Axis:
     """Cascade of one axis: angle P, rate PI, limits."""
 
-    __slots__ = ("before", "integral", "kp", "kr", "ki", "limit")
+    __slots__ = ("before", "integral", "ki", "kp", "kr", "limit")
 
     def __init__(self, kp: float, kr: float, ki: float, limit: float) -> None:
         self.kp, self.kr, self.ki, self.limit = kp, kr, ki, limit
