@@ -1,7 +1,7 @@
 """A control cycle that never changes: the measure against which the cycle of the program is held, on the same core at the same time.
 
-It is the prototype of the first study: a compiled plant of three axes (4 sub-steps), a 40-byte IMU frame built and decoded with its
-checksum, an estimator, a cascade of three axes in scalar Python, two CAN frames and one log record. Imports nothing of the program. Do not improve it.
+It is the prototype of the first study: a compiled plant of three axes (4 sub-steps), a 40-byte IMU frame built and decoded with its checksum, an
+estimator, a cascade of three axes in scalar Python, two CAN frames and one log record. Imports nothing of the program. Do not improve it.
 """
 
 from __future__ import annotations

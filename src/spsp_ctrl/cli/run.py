@@ -66,6 +66,8 @@ def run(
         try:
             write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
         except OSError as error:  # the run is over and recorded; its table still tells
+            with contextlib.suppress(OSError):
+                (folder / "report.html").unlink()
             click.echo(f"{folder / 'report.html'}: cannot be written: {error.strerror}", err=True)
     if as_json:
         click.echo(json.dumps(result.summary, indent=2, allow_nan=False))

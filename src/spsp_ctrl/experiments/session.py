@@ -219,7 +219,12 @@ def run_session(
     log, stats = _read_back(folder / LOG_NAME, stats)
     summary = summarise(plan, log, result, realtime.granted, stats)
     text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
-    (folder / "summary.json").write_text(text, encoding="utf-8")
+    try:
+        (folder / "summary.json").write_text(text, encoding="utf-8")
+    except OSError as error:  # a full disk: the run is over, its figures are still shown
+        with suppress(OSError):
+            (folder / "summary.json").unlink()
+        stderr(f"{folder / 'summary.json'}: cannot be written: {error.strerror}")
     return SessionResult(folder, summary, log, result)
 
 

@@ -31,6 +31,8 @@ RING_BYTES = 8 << 20
 LOOK_EVERY = 50
 """Cycles between two looks at whether the writer still lives (a system call of about a microsecond)."""
 WAIT_S = 1e-3
+STALL_S = 20.0
+"""A writer that takes nothing for so long is given up in lock-step, so that nothing hangs on a dead disk."""
 CLOSE_TIMEOUT_S = 60.0
 _ALL, _BYTES = len(SIZES), sum(SIZES)
 _BYTES_WITHOUT_TRUTH = sum(SIZES[:-1])
@@ -185,9 +187,17 @@ class Recorder:
         """The ring is full: lose the record in real time or when the writer is dead, else wait for room. Returns the place, or -1."""
         at = -1
         if not self._real_time:
+            patience, backlog = STALL_S, self._ring.backlog()
             while at < 0 and self._look():
                 time.sleep(WAIT_S)
                 at = self._ring.place(size)
+                patience -= WAIT_S
+                if self._ring.backlog() != backlog:
+                    patience, backlog = STALL_S, self._ring.backlog()
+                elif patience <= 0.0 and at < 0:
+                    self.problem = self.problem or f"the log writer has stood still for {STALL_S:g} s"
+                    self._process.kill()
+                    self._process.wait()
         if at < 0:
             self.lost += messages
             self.problem = self.problem or "the log writer is too slow, its ring is full"
@@ -205,7 +215,8 @@ class Recorder:
             stderr.close()
             left = self.records - self._ring.taken()
             if code or not self._closed:
-                self.problem = complaint[-1] if complaint else f"the log writer has died ({_ending(code)})"
+                # what the writer says itself beats what the loop saw of it
+                self.problem = complaint[-1] if complaint else self.problem or f"the log writer has died ({_ending(code)})"
             self.records -= left
             self.lost += left
         return False
