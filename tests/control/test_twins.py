@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import struct
-from math import radians
+from math import cos, radians, sin
 
 from hypothesis import given
 from hypothesis import strategies as st
 
 from spsp_ctrl.control import base_observer
 from spsp_ctrl.control.base_observer import START, BaseGains
+from spsp_ctrl.mechanism.frames import body_to_tilt_motion, body_to_tilt_rates
 from spsp_ctrl.mechanism.kinematics import jacobian, rod_lengths, rods_and_jacobian
 from spsp_ctrl.mechanism.levelling import base_motion_on_platform, base_rate_on_platform
 
@@ -38,6 +39,13 @@ def test_base_motion(
     x, y, z = base_rate_on_platform(*tilt, pitch_rate, roll_rate, yaw_rate, azimuth, *joints)
     u, v, _ = base_rate_on_platform(*tilt, pitch_accel, roll_accel, 0.0, azimuth, *joints)
     assert bits(base_motion_on_platform(*tilt, *rates, azimuth, *joints)) == bits((x, y, z, u, v))
+
+
+@given(ANGLE, ANGLE, st.tuples(RATE, RATE, RATE, RATE, RATE))
+def test_tilt_motion(pitch: float, roll: float, rates: tuple[float, float, float, float, float]) -> None:
+    wx, wy, azimuth_rate, ax, ay = rates
+    apart = (*body_to_tilt_rates(pitch, roll, wx, wy, azimuth_rate), *body_to_tilt_rates(pitch, roll, ax, ay, 0.0), cos(pitch), cos(roll), sin(roll))
+    assert bits(body_to_tilt_motion(pitch, roll, *rates)) == bits(apart)
 
 
 @given(st.lists(RATE, min_size=8, max_size=8), st.lists(POWER, min_size=4, max_size=4), st.floats(0.0, 0.3), st.floats(0.0, 0.02), st.booleans())

@@ -14,7 +14,7 @@ from spsp_ctrl.control import backlash
 from spsp_ctrl.control.backlash import GapState
 from spsp_ctrl.control.limits import limit_rate
 from spsp_ctrl.control.params import AxisParams, LawParams
-from spsp_ctrl.mechanism.frames import body_to_tilt_rates, euler_rates_to_body, wrap_angle
+from spsp_ctrl.mechanism.frames import body_to_tilt_motion, body_to_tilt_rates, euler_rates_to_body, wrap_angle
 from spsp_ctrl.mechanism.kinematics import rods_and_jacobian
 from spsp_ctrl.mechanism.levelling import base_motion_on_platform, tilt_joints
 from spsp_ctrl.messages import AxisTerms, AzimuthTerms, Estimate, Limited, Reference, ReferenceKind
@@ -381,8 +381,9 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
             wx, wy, wz = euler_rates_to_body(-platform_roll, platform_pitch, -ref_roll_rate, ref_pitch_rate, heading_rate)
             if p.observe:
                 # the azimuth rate asked for: the one that there is comes in steps of the stepper's service and of its play
-                dp, dr = body_to_tilt_rates(pitch, roll, wx - base_x, wy - base_y, state.azimuth_rate)
-                ddp, ddr = body_to_tilt_rates(pitch, roll, -accel_x, -accel_y, 0.0)
+                dp, dr, ddp, ddr, cp, cr, sr = body_to_tilt_motion(
+                    pitch, roll, wx - base_x, wy - base_y, state.azimuth_rate, -accel_x, -accel_y
+                )
                 wanted = _by_rods(
                     p, screw1, screw2, j11, j21, j22, error_pitch, error_roll, pitch, roll, dp, dr, ddp, ddr, lead1, lead2, gate
                 )
@@ -390,7 +391,7 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
                 wanted = _by_attitude(
                     state, p, e, r, error_pitch, error_roll, heading_rate, base_x, base_y, accel_x, accel_y, gate
                 )
-            cp, cr, sr = cos(pitch), cos(roll), sin(roll)
+                cp, cr, sr = cos(pitch), cos(roll), sin(roll)
             azimuth_wanted = (wz * cr - wy * sr) / cp
             if p.heading_feedforward:
                 turn_rate, turn_slope = _track(
