@@ -72,11 +72,14 @@ class _MallInfo(ctypes.Structure):
     _fields_ = [(name, ctypes.c_size_t) for name in _MALL_INFO]
 
 
+# once: every CDLL makes a class, and what a class leaves behind is not collected while the loop runs
+_mallinfo = ctypes.CDLL(None).mallinfo2
+_mallinfo.restype = _MallInfo
+
+
 def allocated_kib() -> float:
     """What this process has asked of the C allocator and not given back: with touched memory a leak would stay below the resident size for long."""
-    mallinfo = ctypes.CDLL(None).mallinfo2
-    mallinfo.restype = _MallInfo
-    return float(mallinfo().uordblks) / 1024.0
+    return float(_mallinfo().uordblks) / 1024.0
 
 
 def soak(seconds: float, folder: Path, workers: int) -> dict[str, Any]:

@@ -248,9 +248,8 @@ def _loop(status: Status, width: int) -> list[Text]:
             f"{_fixed(status.get(f'{key}_max_us'), 0):>5} µs",
         )
 
-    rate = Text.assemble(("rate ", "bold"), f"{_fixed(status.get('rate_hz'), 0)} Hz   ", _skips(status))
-    if status.get("degraded"):
-        rate.append("   degraded", "bold red")
+    label = ("degraded ", "bold red") if status.get("degraded") else ("rate ", "bold")
+    rate = Text.assemble(label, f"{_fixed(status.get('rate_hz'), 0)} Hz   ", _skips(status))
     return [pair("lateness", "lateness"), pair("compute", "compute"), rate]
 
 
