@@ -248,14 +248,14 @@ def _loop(status: Status, width: int) -> list[Text]:
             f"{_fixed(status.get(f'{key}_max_us'), 0):>5} µs",
         )
 
-    label = ("degraded ", "bold red") if status.get("degraded") else ("rate ", "bold")
-    rate = Text.assemble(label, f"{_fixed(status.get('rate_hz'), 0)} Hz   ", _skips(status))
+    rate = Text.assemble(("rate ", "bold"), f"{_fixed(status.get('rate_hz'), 0)} Hz   ", _skips(status))
     return [pair("lateness", "lateness"), pair("compute", "compute"), rate]
 
 
 def _skips(status: Status) -> Text:
     skipped = _float(status.get("skipped"))
-    return Text.assemble(("skipped ", "bold"), (_count(skipped), "bold yellow" if skipped else "default"))
+    degraded = ("degraded ", "bold red") if status.get("degraded") else ""
+    return Text.assemble(degraded, ("skipped ", "bold"), (_count(skipped), "bold yellow" if skipped else "default"))
 
 
 def _log(status: Status, width: int) -> list[Text]:
