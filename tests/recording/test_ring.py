@@ -6,11 +6,13 @@ import os
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
+from unittest.mock import patch
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from spsp_ctrl.recording import ring as ring_module
 from spsp_ctrl.recording.frames import FRAME, MESSAGE
 from spsp_ctrl.recording.ring import HEAD, Ring, create
 
@@ -33,10 +35,11 @@ def frame(k: int, size: int) -> bytes:
     return FRAME.pack(MESSAGE, k % 7, k, k, size) + bytes([k % 251]) * size
 
 
-@given(st.lists(st.one_of(st.integers(0, CAPACITY - FRAME.size), st.none()), max_size=80))
-def test_what_goes_in_comes_out(steps: list[int | None]) -> None:
+@pytest.mark.parametrize("in_order", [True, False])
+@given(steps=st.lists(st.one_of(st.integers(0, CAPACITY - FRAME.size), st.none()), max_size=80))
+def test_what_goes_in_comes_out(in_order: bool, steps: list[int | None]) -> None:
     """A number puts a payload of that size, None empties the ring."""
-    with both_ends() as (ring, other):
+    with patch.object(ring_module, "IN_ORDER", in_order), both_ends() as (ring, other):
         expected: deque[tuple[int, int, int, int, bytes]] = deque()
         used = taken = 0
 
