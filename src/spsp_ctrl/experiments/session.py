@@ -208,8 +208,8 @@ def run_session(
                 watcher.status if watcher else None,
                 interrupts,
                 config.rate_hz,
-                Policy(plan.real_time and asked.on_miss == "stop", asked.on_log_failure == "stop"),
-                lambda: recorder.problem,
+                policy=Policy(plan.real_time and asked.on_miss == "stop", asked.on_log_failure == "stop"),
+                log_problem=lambda: recorder.problem,
             )
     finally:
         rig.stop()

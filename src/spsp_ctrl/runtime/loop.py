@@ -115,6 +115,7 @@ def run_loop(
     status: StatusSink | None = None,
     interrupts: Interrupts | None = None,
     rate_hz: int = 1000,
+    *,
     policy: Policy = GO_ON,
     log_problem: Callable[[], str] | None = None,
 ) -> LoopResult:
