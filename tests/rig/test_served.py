@@ -6,6 +6,7 @@ import json
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests import served
 
@@ -97,7 +98,8 @@ def test_controller_is_safe_when_the_plant_is_killed(tmp_path: Path) -> None:
     """Kill -9 of the plant: a fault within three cycles of the declared age, which says what to check; exit code 3."""
     own = served.settings(tmp_path)
     with served.plant(own) as server:
-        process = served.controller(own, tmp_path / "run", 30.0)
+        wide = ("--set", "supervisor.signal_timeout_ms=100", "--set", "supervisor.imu_timeout_ms=150")  # a busy computer is not a dead plant
+        process = served.controller(own, tmp_path / "run", 30.0, *wide)
         served.wait_for(tmp_path / "run" / "run.mcap", LOG_BYTES, process)
         server.kill()
         told, _ = process.communicate(timeout=60)
@@ -105,9 +107,10 @@ def test_controller_is_safe_when_the_plant_is_killed(tmp_path: Path) -> None:
     assert json.loads(told)["ended"].startswith("fault")
     log = read_log(tmp_path / "run" / "run.mcap")
     measured, control = log.topics["/measurement"], log.topics["/control"]
-    last = int(measured["resolver_pitch.stamp_ns"].max())
     first = int(control["stamp_ns"][control["fault"] != 0][0])
-    assert first - last <= 40_000_000 + 3 * 2_000_000
+    too_old = measured["stamp_ns"] - measured["resolver_pitch.stamp_ns"] > 100_000_000
+    assert too_old.any()
+    assert np.count_nonzero(too_old & (control["fault"] == 0)) <= 3, "cycles beyond the declared age without a fault"
     assert not control["command.enable"][control["stamp_ns"] > first].any()
     texts = [event["text"] for event in log.events if event["level"] == "error"]
     assert any("Check:" in text and "cable" in text for text in texts), texts
