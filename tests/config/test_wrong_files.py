@@ -21,6 +21,8 @@ from click.testing import CliRunner
 from spsp_ctrl.cli import cli
 
 CONFIG = Path(__file__).parents[2] / "config"
+REALTIME = (CONFIG / "rig.yaml").read_text(encoding="utf-8").rpartition("\nrealtime:")[2]
+"""All of the last section."""
 RIG, MODEL, SCENARIO = "rig.yaml", "model.yaml", "experiments/swing-2dof.yaml"
 SECTION = "mechanism"
 HEAD = {RIG: "schema: spsp-ctrl/rig/1\n", MODEL: "schema: spsp-ctrl/model/1\n", SCENARIO: "schema: spsp-ctrl/scenario/1\nname: x\n"}
@@ -76,7 +78,7 @@ CASES = (
     edit("missing-key", "  rod_speed_mm_s: 80.0 ", "  #", ("limits:", "key 'limits.rod_speed_mm_s' is missing")),
     edit("section-line-lost", "\nimu:", "\n#", ("  rate_hz: 200.0", "key 'rate_hz' is given twice; delete one")),
     edit("missing-section", "\nroll_actuator: *actuator", "\n#", ("# yaml", "key 'roll_actuator' is missing; add it to this mapping")),
-    edit("empty-section", "  enabled: true\n  priority: 50 ", "  #", ("realtime:", "realtime: expected `key: value` lines, found nothing")),
+    edit("empty-section", REALTIME, "  #\n", ("realtime:", "realtime: expected `key: value` lines, found nothing")),
     edit("list-for-mapping", f"{SECTION}:", f"{SECTION}: [1, 2]\nold:", (f"{SECTION}: [1, 2]", f"{SECTION}: expected `key: value` lines, found a list"),
          ("old:", "unknown key 'old'")),
     edit("two-problems", "rod_speed_mm_s: 80.0", "rod_speed_mm_s: 0\n  rod_speed: 3",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -11,9 +13,11 @@ from tests.rig_contract import Factory, contract
 from spsp_ctrl.config.devices import BusDriver, SimulatedDriver, Wire
 from spsp_ctrl.config.loader import load_rig, load_scenario
 from spsp_ctrl.config.rig import RigConfig
+from spsp_ctrl.devices.families.registry import BUILT_IN, UnknownFamily, family
+from spsp_ctrl.devices.transport.lockstep import LockstepCan, medium
 from spsp_ctrl.messages import Control, Measurement, Mode, Timing, Truth
 from spsp_ctrl.plant.model import load_model
-from spsp_ctrl.rig.base import Rig
+from spsp_ctrl.rig.base import Rig, RigError
 from spsp_ctrl.rig.bus import BusRig
 from spsp_ctrl.rig.simulated import SimulatedRig
 from spsp_ctrl.rig.world import LockstepWorld
@@ -106,3 +110,57 @@ def test_swing_is_the_same_to_the_last_bit(rate_hz: int, mode: str, changes: dic
             assert getattr(a[0], name) == getattr(b[0], name), f"cycle {k}, {name}"
         assert a[1] == b[1], f"cycle {k}, control"
         assert a[2] == b[2], f"cycle {k}, truth"
+
+
+def test_another_drive_family_touches_nothing_else() -> None:
+    """ODrive axes on the same bus, without SYNC of their own: armed, aligned, level. Only the family in the rig file differs."""
+    drives = {name: {"family": "odrive", "bus": "can0", "node": node} for name, node in (("drive_pitch", 1), ("drive_roll", 2))}
+    rows = _swing(make(**drives), RIG, 3.0)
+    active = [(m, truth) for m, control, truth in rows if control.mode == Mode.ACTIVE]
+    assert len(active) > 1500
+    assert all(m.drive_pitch.enabled and m.drive_pitch.fault_code == 0 for m, _ in active[200:])
+    assert max(abs(truth.platform_roll_rad) for _, truth in active[-500:] if truth is not None) < 2e-3
+
+
+class Relabelled:
+    """A plug-in that somebody else installs."""
+
+    def __init__(self, node: object, setup: object) -> None:
+        self.made = (node, setup)
+
+
+def test_a_family_of_somebody_else_comes_by_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    point = metadata.EntryPoint("acme", f"{__name__}:Relabelled", "spsp_ctrl.drive")
+    monkeypatch.setattr(metadata, "entry_points", lambda group: [point] if group == "spsp_ctrl.drive" else [])
+    assert family("drive", "acme") is Relabelled
+    assert family("drive", "cia402").__name__ == "Cia402Drive"
+    with pytest.raises(UnknownFamily, match="installed: acme, cia402, odrive"):
+        family("drive", "acne")
+    bus = driver(drive_pitch={"family": "acne", "bus": "can0", "node": 1})
+    with pytest.raises(RigError, match="no drive family 'acne'"):
+        BusRig(RIG.model_copy(update={"rig": bus}), {}, {})
+
+
+def test_entry_points_are_those_of_the_registry() -> None:
+    project = tomllib.loads((CONFIG.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for kind, known in BUILT_IN.items():
+        assert project["entry-points"][f"spsp_ctrl.{kind}"] == known
+        assert all(family(kind, name) for name in known)
+
+
+def test_the_lockstep_bus_is_an_interface_of_python_can(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Somebody's python-can program and our host on one wire: each hears the other and not itself."""
+    can = pytest.importorskip("can")
+    where = tomllib.loads((CONFIG.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]["can.interface"]
+    monkeypatch.setitem(can.interfaces.BACKENDS, "spsp-lockstep", tuple(where["spsp-lockstep"].split(":")))
+    monkeypatch.setattr(can.util, "VALID_INTERFACES", can.util.VALID_INTERFACES | {"spsp-lockstep"})
+    theirs = can.Bus(interface="spsp-lockstep", channel="somewhere")
+    ours = LockstepCan(medium("somewhere"))
+    theirs.send(can.Message(arbitration_id=0x123, data=b"\1\2", is_extended_id=False))
+    assert ours.poll(5_000_000) == [(0, 0x123, b"\1\2")]
+    assert theirs.recv(0) is None
+    assert ours.send([(0x80, b""), (0x201, b"abc")])
+    heard = [theirs.recv(0), theirs.recv(0)]
+    assert [(m.arbitration_id, bytes(m.data), m.timestamp) for m in heard if m is not None] == [(0x80, b"", 0.005), (0x201, b"abc", 0.005)]
+    theirs.shutdown()
+    ours.close()

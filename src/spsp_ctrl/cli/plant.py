@@ -45,12 +45,13 @@ def serve(
     from spsp_ctrl.config.loader import load_scenario, load_served
     from spsp_ctrl.plant.model import load_model
     from spsp_ctrl.rig.served import ServedWorld
-    from spsp_ctrl.runtime.realtime import RealTime
+    from spsp_ctrl.runtime.realtime import RealTime, Wishes
 
     served = load_served(config, overrides)
     driver = served.driver
     played = load_scenario(scenario or served.scenario).model
     world = ServedWorld(served.rig, driver, load_model(served.model), played, driver.seed if seed is None else seed, at_once=at_once)
+    asked = served.rig.realtime
     interrupted = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: interrupted.append(1))
@@ -65,7 +66,7 @@ def serve(
     begin = time.monotonic()
     try:
         # before the controller: devices answer at once, whoever computes
-        with RealTime(served.rig.realtime.enabled, min(served.rig.realtime.priority + 10, 90)):
+        with RealTime(Wishes(min(asked.priority + 10, 90)) if asked.enabled else None):
             world.run(ended)
     finally:
         world.close()

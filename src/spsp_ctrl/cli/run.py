@@ -79,6 +79,8 @@ def run(
         try:
             write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
         except OSError as error:  # the run is over and recorded; its table still tells
+            with contextlib.suppress(OSError):
+                (folder / "report.html").unlink()
             click.echo(f"{folder / 'report.html'}: cannot be written: {error.strerror}", err=True)
     if as_json:
         click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
@@ -92,7 +94,7 @@ def run(
         problem = result.summary["log"]["problem"] or "the loop was faster than the log writer"
         click.echo(f"{folder / 'run.mcap'} is not complete: {lost} records lost ({problem})", err=True)
     ended = result.loop.ended
-    if ended.startswith("fault"):
+    if ended.startswith(("fault", "stopped: deadline")):
         raise SystemExit(EXIT_RIG)
     if ended == "interrupted":
         raise SystemExit(EXIT_INTERRUPTED)
@@ -131,7 +133,7 @@ def _plan(
 def _progress_line(quiet: bool) -> Callable[[str], None]:
     if quiet:
         return lambda text: None
-    return lambda text: click.echo(text, err=True)
+    return lambda text: click.secho(text, err=True, fg="red" if text.startswith("degraded") else None)
 
 
 @contextlib.contextmanager

@@ -432,12 +432,26 @@ class SupervisorConfig(Strict):
 
 
 class RealTimeConfig(Strict):
-    """What the process asks of the operating system in real time; what was granted is reported."""
+    """What the process asks of the operating system in real time; what was granted is reported. See [real time](realtime.md)."""
 
     enabled: bool = True
     """Ask for it at all."""
     priority: int = Field(default=50, ge=1, le=90)
     """SCHED_FIFO priority."""
+    cpu: int | None = Field(default=None, ge=0, le=1023)
+    """Core to stay on; the log writer is then kept off it. Left out: any core."""
+    spin_us: float = Field(default=0.0, ge=0.0, le=200.0)
+    """The last so many us before a deadline the loop watches the clock instead of sleeping."""
+    lock_memory: bool = True
+    """Lock all memory and touch what a cycle may need."""
+    cpu_dma_latency: bool = True
+    """Keep the processor out of deep sleep."""
+    freeze_collector: bool = True
+    """No garbage collection while the loop runs."""
+    on_miss: Literal["go_on", "stop"] = "go_on"
+    """A cycle that could not begin within its period is left out and counted, and the last command keeps acting; then go on, or brake and disable."""
+    on_log_failure: Literal["go_on", "stop"] = "go_on"
+    """The log cannot be written any more (disk full, writer gone): go on without it, or brake and disable."""
 
 
 class RigConfig(Strict):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from spsp_ctrl.config.loader import dump_resolved
-from spsp_ctrl.config.rig import BusDriver, RigConfig
+from spsp_ctrl.config.rig import BusDriver, RealTimeConfig, RigConfig
 from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments import summary as figures
 from spsp_ctrl.messages import Control, Measurement, OperatorRequest, Timing, Truth
@@ -28,8 +29,8 @@ from spsp_ctrl.rig.factory import build_rig
 from spsp_ctrl.runtime import cycle
 from spsp_ctrl.runtime.clock import LockStepClock, MonotonicClock
 from spsp_ctrl.runtime.identity import law_digest, versions
-from spsp_ctrl.runtime.loop import CycleRecorder, Interrupts, LoopResult, Operator, StatusSink, run_loop
-from spsp_ctrl.runtime.realtime import RealTime
+from spsp_ctrl.runtime.loop import CycleRecorder, Interrupts, LoopResult, Operator, Policy, StatusSink, run_loop
+from spsp_ctrl.runtime.realtime import RealTime, Wishes, degraded
 
 LOG_NAME = "run.mcap"
 
@@ -56,6 +57,9 @@ class Watcher:
 
     def event(self, text: str, t_s: float) -> None:
         """Something happened."""
+
+    def degraded(self, names: str) -> None:
+        """What of the real-time settings was not granted."""
 
     def recording(self, counts: Callable[[], tuple[int, int]]) -> None:
         """Where to ask how many records were handed over and lost."""
@@ -196,13 +200,22 @@ def run_session(
         utc_ns = time.time_ns() - (time.monotonic_ns() - origin_ns)
         recorder.metadata("clock", {"monotonic_ns": str(origin_ns), "utc_ns": str(utc_ns)})
 
-    clock = MonotonicClock(period_ns, started) if plan.real_time else LockStepClock(period_ns)
+    asked = config.realtime
+    clock = MonotonicClock(period_ns, started, spin_ns(config)) if plan.real_time else LockStepClock(period_ns)
     controller = cycle.controller(config)
     state = cycle.start(config, scenario.reference)
     announce(f"running {scenario.name} for {scenario.duration_s:g} s ({mode})")
-    realtime = RealTime(plan.real_time and config.realtime.enabled, config.realtime.priority)
+    realtime = RealTime(wishes(asked) if plan.real_time and asked.enabled else None)
+    if plan.real_time and asked.enabled and asked.cpu is not None:
+        keep_off(recorder.pid, asked.cpu)
     try:
         with interruptible() as interrupts, realtime:
+            refused = degraded(realtime.granted)
+            if refused:
+                names = ", ".join(name.replace("_", " ") for name, _ in refused)
+                announce(f"degraded: not granted by the operating system: {names}")
+                if watcher is not None:
+                    watcher.degraded(names)
             result = run_loop(
                 rig,
                 clock,
@@ -214,6 +227,8 @@ def run_session(
                 watcher.status if watcher else None,
                 interrupts,
                 config.rate_hz,
+                policy=Policy(plan.real_time and asked.on_miss == "stop", asked.on_log_failure == "stop"),
+                log_problem=lambda: recorder.problem,
             )
     finally:
         rig.stop()
@@ -225,8 +240,31 @@ def run_session(
     if hasattr(rig, "figures"):
         summary["buses"] = bus_figures(rig.figures(), log, config.rate_hz)
     text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
-    (folder / "summary.json").write_text(text, encoding="utf-8")
+    try:
+        (folder / "summary.json").write_text(text, encoding="utf-8")
+    except OSError as error:  # a full disk: the run is over, its figures are still shown
+        with suppress(OSError):
+            (folder / "summary.json").unlink()
+        stderr(f"{folder / 'summary.json'}: cannot be written: {error.strerror}")
     return SessionResult(folder, summary, log, result)
+
+
+def wishes(asked: RealTimeConfig) -> Wishes:
+    """What the rig file asks of the operating system."""
+    return Wishes(asked.priority, asked.cpu, asked.lock_memory, asked.cpu_dma_latency, asked.freeze_collector)
+
+
+def spin_ns(config: RigConfig) -> int:
+    """Time to spin before a deadline: what the rig file asks, at most 40 % of a period (the kernel throttles a real-time task that never sleeps)."""
+    return round(min(config.realtime.spin_us * 1e3, 0.4e9 / config.rate_hz)) if config.realtime.enabled else 0
+
+
+def keep_off(pid: int, cpu: int) -> None:
+    """Another process leaves the core of the loop, where there is another one."""
+    with suppress(OSError, AttributeError):
+        others = os.sched_getaffinity(pid) - {cpu}
+        if others:
+            os.sched_setaffinity(pid, others)
 
 
 def _read_back(path: Path, stats: RecorderStats) -> tuple[LogData, RecorderStats]:

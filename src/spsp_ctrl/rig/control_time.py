@@ -67,7 +67,7 @@ class ControlTime:
 
 
 class Answers:
-    """Which SYNC an answer of a node belongs to: the oldest unanswered one. An answer that was lost is noticed by all later ones being a period late."""
+    """Which SYNC an answer of a node belongs to: the oldest unanswered one. A lost answer shows in all later ones being a period late."""
 
     WATCHED = 50
     """Answers over which that is judged."""

@@ -58,6 +58,8 @@ class LockstepWorld:
         self.devices = VirtualDevices(config, driver, config.rate_hz / self._plant.imu_every)
         self._media = {name: Medium() for name in driver.can}
         self._send = {name: wire.serve(self._receiver(name, wire)) for name, wire in self._media.items()}
+        for name, wire in self._media.items():
+            wire.on_time = self._before_the_first_sync(name)
         self._lines = {name: LockstepSerial() for name in driver.serial}
         self._imu_line = self._lines[driver.devices.imu.serial]
         self._imu_line.receive = self.devices.imu.receive
@@ -66,7 +68,7 @@ class LockstepWorld:
         self._active = np.zeros(N_COMMAND)
         self._orders = (OFF, OFF)
         self._azimuth_rad_s = 0.0
-        self._now_ns = -1
+        self._now_ns = -(1 << 62)
         self._out: list[float] = self._plant.out.tolist()
         self.devices.measure(readings(self._out, self._sensor_error_c))
 
@@ -80,6 +82,15 @@ class LockstepWorld:
             return answers
 
         return receive
+
+    def _before_the_first_sync(self, name: str) -> Callable[[int], None]:
+        """During start-up devices send what they send by themselves; afterwards they do so at each SYNC."""
+
+        def pass_time(now_ns: int) -> None:
+            if self._now_ns < 0 and now_ns < 0:
+                self._send[name](self.devices.tick(name, now_ns))
+
+        return pass_time
 
     def can(self, name: str) -> LockstepCan:
         """The host's side of a bus."""

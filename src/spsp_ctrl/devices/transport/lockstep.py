@@ -18,7 +18,15 @@ class Medium:
 
     def __init__(self) -> None:
         self.now_ns = 0
+        self.on_time: Callable[[int], None] = lambda now_ns: None
+        """Called when time goes on."""
         self._listeners: list[Callable[[int, bytes], None]] = []
+
+    def pass_time(self, now_ns: int) -> None:
+        """Time goes on."""
+        if now_ns != self.now_ns:
+            self.now_ns = now_ns
+            self.on_time(now_ns)
 
     def join(self, listener: Callable[[int, bytes], None]) -> None:
         """Hear every frame."""
@@ -73,7 +81,7 @@ class LockstepCan:
 
     def poll(self, now_ns: int) -> list[Arrived]:
         """See ``CanTransport``."""
-        self._wire.now_ns = now_ns
+        self._wire.pass_time(now_ns)
         heard, self._heard = self._heard, []
         return heard
 
