@@ -38,16 +38,17 @@ def steps(text: str) -> Iterator[Step]:
 
 
 def differs(printed: list[str], found: list[str]) -> str:
-    """First printed line that is not found in its place; ``…`` stands for any number of lines."""
+    """First printed line that is not found in its place; ``…`` stands for any number of lines, within a line for any text."""
     at, free = 0, False
     for line in printed:
         if line == OMITTED:
             free = True
             continue
-        rest = found[at:] if free else found[at : at + 1]
-        if line not in rest:
+        wanted = re.compile(".*".join(map(re.escape, line.split(OMITTED))))
+        place = next((i for i, other in enumerate(found[at:] if free else found[at : at + 1]) if wanted.fullmatch(other)), None)
+        if place is None:
             return line
-        at, free = at + rest.index(line) + 1, False
+        at, free = at + place + 1, False
     return "" if free or at == len(found) else f"and nothing after: {found[at]}"
 
 
@@ -56,6 +57,8 @@ def test_the_comparison_is_awake() -> None:
     assert differs(["a", "c"], ["a", "b", "c"]) == "c"
     assert differs(["a", OMITTED, "d"], ["a", "b", "c"]) == "d"
     assert differs(["a"], ["a", "b"]).endswith("b")
+    assert differs(["n: … x", OMITTED], ["n: 12 x", "b"]) == ""
+    assert differs(["n: … y"], ["n: 12 x"]) == "n: … y"
     found = list(steps("```console\n$ x --y   # exit 3\n1\n$ z\n```\n"))
     assert found == [Step(2, "x --y", 3, ["1"]), Step(4, "z", 0, [])]
 
