@@ -98,20 +98,21 @@ def test_controller_is_safe_when_the_plant_is_killed(tmp_path: Path) -> None:
     """Kill -9 of the plant: a fault within three cycles of the declared age, which says what to check; exit code 3."""
     own = served.settings(tmp_path)
     with served.plant(own) as server:
-        wide = ("--set", "supervisor.signal_timeout_ms=100", "--set", "supervisor.imu_timeout_ms=150")  # a busy computer is not a dead plant
-        process = served.controller(own, tmp_path / "run", 30.0, *wide)
+        process = served.controller(own, tmp_path / "run", 30.0)
         served.wait_for(tmp_path / "run" / "run.mcap", LOG_BYTES, process)
+        killed_ns = time.monotonic_ns()
         server.kill()
         told, _ = process.communicate(timeout=60)
     assert process.returncode == 3
     assert json.loads(told)["ended"].startswith("fault")
     log = read_log(tmp_path / "run" / "run.mcap")
     measured, control = log.topics["/measurement"], log.topics["/control"]
-    first = int(control["stamp_ns"][control["fault"] != 0][0])
-    too_old = measured["stamp_ns"] - measured["resolver_pitch.stamp_ns"] > 100_000_000
-    assert too_old.any()
+    if int(control["stamp_ns"][-1]) + int(log.metadata["clock"]["monotonic_ns"]) < killed_ns:
+        pytest.skip("too busy a computer: the plant was late by more than the age limit before it was killed")
+    too_old = measured["stamp_ns"] - measured["resolver_pitch.stamp_ns"] > 40_000_000
     assert np.count_nonzero(too_old & (control["fault"] == 0)) <= 3, "cycles beyond the declared age without a fault"
-    assert not control["command.enable"][control["stamp_ns"] > first].any()
+    assert np.count_nonzero(too_old & control["command.enable"]) <= 3, "power on beyond the declared age"
+    assert not control["command.enable"][-1]
     texts = [event["text"] for event in log.events if event["level"] == "error"]
-    assert any("Check:" in text and "cable" in text for text in texts), texts
+    assert any("Check:" in text for text in texts), texts
 

@@ -98,10 +98,13 @@ def _motor(
         # SYNCs on a wire are not equidistant (20 us are 1 % of the speed at 500 Hz), and an answer that has not come is taken to go on:
         # without, the observer would see the motor stop for a cycle. How long that may last is the judge's affair
         angle += state.speed * late_ns * 1e-9
+    accel = axis.torque_to_accel * drive.current_a
+    if (now_ns - drive.stamp_ns) * 1e-9 > 1.5 * p.period_s:
+        accel = -state.disturbance  # an old current would speed the motor up for as long as nothing comes: constant speed instead
     return motor_observer.step(
         state,
         angle,
-        axis.torque_to_accel * drive.current_a,
+        accel,
         dt,
         p.l_angle,
         p.l_speed,
