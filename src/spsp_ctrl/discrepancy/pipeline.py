@@ -10,6 +10,7 @@ import numpy as np
 
 from spsp_ctrl.discrepancy import floor as floors
 from spsp_ctrl.discrepancy import library as names
+from spsp_ctrl.discrepancy.closing import close
 from spsp_ctrl.discrepancy.find import find
 from spsp_ctrl.discrepancy.fitting import Bench, Fitted, Split, fit, robust_rms
 from spsp_ctrl.discrepancy.gate import Gate, filled, judge
@@ -21,6 +22,7 @@ from spsp_ctrl.discrepancy.replica import UNITS, Replica, replica
 from spsp_ctrl.discrepancy.result import Curve, Diagnosis, NamedEffect, Unexplained, Value
 from spsp_ctrl.discrepancy.scatter import Random, compare, scatter
 from spsp_ctrl.discrepancy.show import OPEN, gaps
+from spsp_ctrl.discrepancy.unknown import refuse
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.axis_model import AxisModel, load_axis_model
 from spsp_ctrl.plant.layout import A
@@ -119,6 +121,7 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
         answer.reason = "only `find` was asked for"
         return answer
     first, state = search.run(p, before)
+    state, refused = refuse(search, first, state)
     answer.screening = search.trace
     randoms = compare(scatter(train.replicas[0]), clean) if clean is not None else []
     answer.effects = [_effect(model, n, state.fitted) for n in state.named] + [_random(r) for r in randoms]
@@ -136,6 +139,7 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
     answer.gap = gaps(first.held, after, floor, task.seed)
     answer.curves = _curves(held, first.held, after)
     _conclude(answer, train, state, first, task.seed, bool(randoms))
+    close(answer, model, search, first, state, after, floor, [r for records in kept.values() for r in records], refused, tick)
     return answer
 
 
