@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from spsp_ctrl.discrepancy.fitting import Bench, Fitted, Split
-from spsp_ctrl.discrepancy.naming import Named, Search, State
+from spsp_ctrl.discrepancy.naming import Named, Search, State, without
 from spsp_ctrl.discrepancy.next_experiment import plan
 from spsp_ctrl.discrepancy.records import Record
 from spsp_ctrl.discrepancy.result import Correlation, Diagnosis, Refused, RegimeCell, Step
@@ -47,18 +47,22 @@ def close(
 
 
 def waterfall(held: Bench, first: State, state: State, after: Split, floor: dict[str, float]) -> list[Step]:
-    """Held-out residual over floor, by channel: recalibrated only, then with each name put in, in the order of naming, then all numbers as refitted."""
-    steps = [Step("recalibrated", _over(first.held, floor))]
-    p = first.p.copy()
-    for named in state.named:
-        for v in named.candidate.variables:
-            p[v.index] = state.p[v.index]
-            if v.phase >= 0:
-                p[v.phase] = state.p[v.phase]
-        for name, _ in named.candidate.hypothesis.along:
-            p[AxisModel.index(name)] = state.p[AxisModel.index(name)]
-        steps.append(Step(named.candidate.name, _over(held.residuals(p), floor)))
-    steps.append(Step("numbers refitted", _over(after, floor)))
+    """Held-out residual over floor, by channel: recalibrated only, then with each name put in, in the order of naming.
+
+    The numbers that were recalibrated with the names move together with the first one; the last step is the file read back.
+    """
+    steps = [Step("recalibrated model", _over(first.held, floor))]
+    for k, named in enumerate(state.named):
+        later = state.named[k + 1 :]
+        p = state.p.copy()
+        for n in later:
+            p = without(p, n.candidate, state.named[: k + 1])
+            for v in n.candidate.variables:
+                if not any(v.index == w.index for m in state.named[: k + 1] for w in m.candidate.variables):
+                    p[v.index] = first.p[v.index]
+                    if v.phase >= 0:
+                        p[v.phase] = first.p[v.phase]
+        steps.append(Step(named.candidate.name, _over(held.residuals(p) if later else after, floor)))
     return steps
 
 

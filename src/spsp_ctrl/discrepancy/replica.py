@@ -22,6 +22,8 @@ TRACKING_HZ = 8.0
 """Crossover of the tracking loop."""
 SETTLE_S = 0.3
 """Left out at the start: the state there is a guess."""
+TAIL_S = 0.012
+"""Left out at the end: the smoothed reference of the tracking loop has no future there."""
 SLOW_HZ = 100.0
 """Rate to which the slow channels are averaged."""
 UNITS = {"force": "N", "current": "A", "drive": "A", "resolver": "rad", "ruler": "m"}
@@ -89,11 +91,16 @@ class Replica:
     def rows(self, channel: str) -> Array:
         """Row of the record in the middle of each residual of a channel."""
         every = 1 if channel in ("force", "drive", "resolver") else self.every
-        n = (len(self.inputs) - self.skip) // every
+        n = (len(self.inputs) - self.skip - self.tail) // every
         return np.asarray(self.skip + np.arange(n) * every + every // 2, np.int64)
 
+    @property
+    def tail(self) -> int:
+        """Samples at the end that are not compared."""
+        return max(1, round(TAIL_S * self.record.rate_hz)) if self.tracking else 0
+
     def _slow(self, values: Array, every: int) -> Array:
-        kept = values[self.skip :]
+        kept = values[self.skip : len(values) - self.tail]
         n = len(kept) // every
         return np.asarray(kept[: n * every].reshape(n, every).mean(axis=1)) if every > 1 else kept
 

@@ -38,14 +38,16 @@ class Sketch:
     """Name, place, value, standard error; one curve, or one for each direction of travel."""
 
     @property
-    def words(self) -> str:
-        """In one line."""
+    def peak(self) -> tuple[str, float, float, float]:
+        """Curve, place, value and standard error where it is largest."""
         name, x, y, e = max(self.curves, key=lambda c: float(np.max(np.abs(c[2]))) if len(c[2]) else 0.0)
         k = int(np.argmax(np.abs(y)))
-        at = f"{x[k]:.3g} {self.over_unit}".strip()
-        both = "" if len(self.curves) == 1 else f", {_sides(self.curves)}"
-        what = "size" if self.kind == "rms" else "mean"
-        return f"over {self.over}: largest {what} {y[k]:.3g} ± {e[k]:.1g} {self.unit} at {at} ({name}){both}; explains {self.explained:.0%}"
+        return name, float(x[k]), float(y[k]), float(e[k])
+
+    @property
+    def sides(self) -> str:
+        """How the two directions of travel compare; empty for one curve."""
+        return "" if len(self.curves) == 1 else _sides(self.curves)
 
 
 def _sides(curves: tuple[tuple[str, Array, Array, Array], ...]) -> str:
