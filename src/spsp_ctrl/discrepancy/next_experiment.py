@@ -43,6 +43,8 @@ class Pair:
     p_rival: Array
     variables: tuple[Variable, ...]
     """What the rival could still give way with."""
+    at_hand: tuple[Array, Array] = (np.zeros(0), np.zeros((0, 0)))
+    """Their difference on the logs at hand, and how the rival's numbers move it: what holds the rival back."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ def plan(
     pairs = [pair for n in state.named for pair in _pairs(search, state, n, tick)]
     if not pairs:
         return None
+    pairs = [replace(pair, at_hand=difference(search.train, pair, floor)) for pair in pairs]
     reach = reach_of(model, records)
     table: list[tuple[AxisScenario, list[Parting]]] = []
     for scenario in menu(reach):
@@ -140,31 +143,38 @@ def starts(candidate: Candidate, p: Array) -> list[Array]:
 
 
 def part(model: AxisModel, scenario: AxisScenario, pair: Pair, floor: dict[str, float]) -> Parting:
-    """By how many floors the rival misses what the other would log, after it has given way as far as it can. Zero where the current would be too high."""
+    """By how many floors the rival misses what the other would log, after it has given way as far as the logs at hand let it.
+
+    Nothing where the current would be too high.
+    """
     inputs = course(scenario).inputs
     record = imagined(model, scenario, pair.p, inputs)
     if float(np.max(np.abs(record.rows["command_a"]))) > scenario.limits.current_a:
         return Parting(pair.name, pair.rival, {})
     bench = _bench(model, record, floor)
+    channels = [c for c in floor if floor[c] > 0.0]
+    target, columns = difference(bench, pair, floor)
+    known, held = pair.at_hand
+    matrix = np.concatenate([columns, held])
+    left = target - columns @ np.linalg.lstsq(matrix, np.concatenate([target, known]), rcond=1e-9)[0] if matrix.shape[1] else target
+    sizes = bench.residuals(pair.p)
+    edges = np.cumsum([0, *(len(sizes[c]) for c in channels)])
+    return Parting(pair.name, pair.rival, {c: rms(left[edges[k] : edges[k + 1]]) for k, c in enumerate(channels)})
+
+
+def difference(bench: Bench, pair: Pair, floor: dict[str, float]) -> tuple[Array, Array]:
+    """Rival less name on a bench, in floors, and how the rival's own numbers move that (each per its step)."""
     truth, rival = bench.residuals(pair.p), bench.residuals(pair.p_rival)
-    channels = [c for c in rival if floor.get(c, 0.0) > 0.0]
+    channels = [c for c in floor if floor[c] > 0.0]
     target = np.concatenate([(rival[c] - truth[c]) / floor[c] for c in channels])
-    columns = []
-    at = values_of(pair.p_rival, pair.variables)
+    at, columns = values_of(pair.p_rival, pair.variables), []
     for k, v in enumerate(pair.variables):
         moved = at.copy()
         moved[k] += v.step if at[k] + v.step <= v.high else -v.step
         after = bench.residuals(place(pair.p_rival, pair.variables, moved))
         columns.append(np.concatenate([(after[c] - rival[c]) / floor[c] for c in channels]))
-    # where the sensors have their zero belongs to the session: anybody would shift it
-    edges = np.cumsum([0, *(len(rival[c]) for c in channels)])
-    for k in [k for k, c in enumerate(channels) if c in ("resolver", "ruler")]:
-        ones = np.zeros(len(target))
-        ones[edges[k] : edges[k + 1]] = 1.0
-        columns.append(ones)
-    matrix = np.nan_to_num(np.stack(columns, axis=1))
-    left = target - matrix @ np.linalg.lstsq(matrix, target, rcond=1e-9)[0]
-    return Parting(pair.name, pair.rival, {c: rms(left[edges[k] : edges[k + 1]]) for k, c in enumerate(channels)})
+    matrix = np.stack(columns, axis=1) if columns else np.zeros((len(target), 0))
+    return np.nan_to_num(target), np.nan_to_num(matrix)
 
 
 def _bench(model: AxisModel, record: Record, floor: dict[str, float]) -> Bench:
