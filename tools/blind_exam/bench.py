@@ -1,4 +1,4 @@
-"""The bench of the exam: runs a motion file (``spsp-ctrl/axis-scenario/1``, read as plain YAML from its description in docs/diagnose.md) on the truth."""
+"""The bench of the exam: a motion file (``spsp-ctrl/axis-scenario/1``), read as plain YAML by its description in docs/diagnose.md."""
 
 from __future__ import annotations
 

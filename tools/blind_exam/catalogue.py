@@ -257,7 +257,8 @@ LOOK_ALIKE: tuple[LookAlike, ...] = (
 """Pairs of the set ``twins``. A drive that lags by more than a millisecond is no twin of a delay any more: the loop itself shows the difference."""
 
 SIZES: dict[str, tuple[tuple[str, ...], float]] = {
-    "torque_offset": (("torque_offset",), 3e-3), "friction_asymmetry": (("coulomb_asymmetry",), 2e-3), "coulomb_friction": (("coulomb", "static"), 5e-3),
+    "torque_offset": (("torque_offset",), 3e-3), "friction_asymmetry": (("coulomb_asymmetry",), 2e-3),
+    "coulomb_friction": (("coulomb", "static"), 5e-3),
     "load_friction": (("load_factor",), 0.5), "thermal_expansion": (("expansion",), 11.5e-6 * SCREW_LENGTH_M), "zero_offset": (("zero",), 15e-6),
     "lead_error": (("slope",), 5e-4), "guide_slope": (("abbe",), 5e-4), "drive_lag": (("extra_lag",), 1.5e-3), "command_delay": (("delay",), 1.5e-3),
 }  # fmt: skip

@@ -64,7 +64,13 @@ def write_logs(case: Case, nominal: Array, folder: Path) -> tuple[Path, Path, Pa
 
 
 def follow(
-    case: Case, nominal: Array, finding: subject.Finding, answer: dict[str, Any], given: tuple[Path, Path, Path], settings: Settings, diagnose: Diagnose
+    case: Case,
+    nominal: Array,
+    finding: subject.Finding,
+    answer: dict[str, Any],
+    given: tuple[Path, Path, Path],
+    settings: Settings,
+    diagnose: Diagnose,
 ) -> dict[str, Any]:
     """Run the experiment that the diagnosis asks for on the sealed machine, diagnose again with its log, and say whether the twins are parted."""
     train, commissioning, held = given
@@ -86,7 +92,11 @@ def follow(
         return row | {"not_run": f"{type(error).__name__}: {error}"}
     if not settings.keep:
         log.unlink()
-    return row | {"resolved": resolved(answer, second), "named_again": [n.effect for n in second.named], "classes_again": [sorted(n.members) for n in second.named]}
+    return row | {
+        "resolved": resolved(answer, second),
+        "named_again": [n.effect for n in second.named],
+        "classes_again": [sorted(n.members) for n in second.named],
+    }
 
 
 def run_case(group: str, exam_seed: int, index: int, settings: Settings, diagnose: Diagnose = subject.diagnose) -> dict[str, Any]:

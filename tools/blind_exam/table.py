@@ -79,7 +79,9 @@ def figures(rows: Rows) -> list[tuple[str, str]]:
         lines.append(("twins: as one class, or the right one alone where the truth parts them", str(_share(r["twin_ok"] for r in seen))))
         lines.append(("twins: as one class, of those that the truth does not part", str(_share(r["as_class"] for r in alike))))
         lines.append(("twins: next experiment given, of those in a class", str(_share(bool(r.get("asked")) for r in seen if r["as_class"]))))
-        lines.append(("twins: resolved by the next experiment, of those in a class with one", str(_share(bool(r["resolved"]) for r in asked if r["as_class"]))))
+        lines.append(
+            ("twins: resolved by the next experiment, of those in a class with one", str(_share(bool(r["resolved"]) for r in asked if r["as_class"])))
+        )
         lines.append(("twins: right name or its twin first", str(_share(r["first_right"] for r in seen))))
     if poor := by.get("poor"):
         lines.append(("poor excitation: abstains or names right", str(_share(r["poor_ok"] for r in poor))))
@@ -105,7 +107,7 @@ def _smallest(seen: Rows) -> str:
 
 
 def by_effect(rows: Rows) -> list[list[str]]:
-    """Effect × severity: detectable of drawn, then named right of detectable; shares with Wilson intervals over all severities, and over all effects."""
+    """Effect × severity: detectable of drawn, named right of detectable; with Wilson intervals over severities, and over effects."""
     single = [r for r in rows if r["group"] == "single"]
     table = [["effect", *(f"{s:g}" for s in SEVERITIES), "detectable", "named right"]]
 
@@ -120,8 +122,11 @@ def by_effect(rows: Rows) -> list[list[str]]:
 
     table += [line(effect, [r for r in single if r["hidden"][0]["effect"] == effect]) for effect in LIBRARY]
     table.append(line("all", single))
-    for title, pick in (("detectable", lambda mine: Share(len(_seen(mine)), len(mine))), ("named right", lambda mine: _share(r["first_right"] for r in _seen(mine)))):
-        shares = [_short(pick([r for r in single if r["hidden"][0]["severity"] == severity])) for severity in SEVERITIES]
+    at = {severity: [r for r in single if r["hidden"][0]["severity"] == severity] for severity in SEVERITIES}
+    seen = {severity: Share(len(_seen(mine)), len(mine)) for severity, mine in at.items()}
+    named = {severity: _share(r["first_right"] for r in _seen(mine)) for severity, mine in at.items()}
+    for title, found in (("detectable", seen), ("named right", named)):
+        shares = [_short(found[severity]) for severity in SEVERITIES]
         table.append([title, *shares, "", ""])
     return table
 

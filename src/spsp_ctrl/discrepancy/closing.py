@@ -1,4 +1,4 @@
-"""What a diagnosis shows beside its names: the gap name by name, the map of regimes, the shape of what is left, what hangs together, the next motion."""
+"""What a diagnosis shows beside its names: the gap name by name, the map of regimes, the shape of what is left, the next motion."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def close(
     refused: Sequence[Named] = (),
     tick: Callable[[str], None] = lambda text: None,
 ) -> None:
-    """Fill in the fields of ``answer`` that the page, the screen and ``next.yaml`` are made of. ``after``: held-out residuals of the file read back."""
+    """Fill in what the page, the screen and ``next.yaml`` are made of. ``after``: held-out residuals of the file read back."""
     answer.refused = [Refused(n.candidate.name, n.channel, n.evidence) for n in refused]
     answer.waterfall = waterfall(search.held, first, state, after, floor)
     answer.regimes = regime_map(search.held, first.held, after, floor)

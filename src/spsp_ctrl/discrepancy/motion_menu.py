@@ -149,7 +149,9 @@ def menu(reach: Reach) -> Iterator[AxisScenario]:
         made("laps-cold-and-warm", "The same laps cold and warm", laps(4, quick), screw_c=ramp),
         made("laps-with-two-masses", "Laps with and without an added mass", laps(4, quick), mass_kg=masses),
         made("small-reversals", "Reversals of growing size with rests", small),
-        made("small-reversals-at-two-loads", "Reversals of growing size with rests, with and without a weight", small, load_n=steps) if loads else None,
+        made("small-reversals-at-two-loads", "Reversals of growing size with rests, with and without a weight", small, load_n=steps)
+        if loads
+        else None,
         made("ladder", "Six speeds both ways", rungs),
         made("ladder-at-two-loads", "Six speeds both ways, with and without a weight", rungs, load_n=steps) if loads else None,
         made("chirp", "A sine of growing frequency", chirp),

@@ -75,7 +75,12 @@ class Plan:
 
 
 def plan(
-    model: AxisModel, search: Search, state: State, floor: dict[str, float], records: Sequence[Record], tick: Callable[[str], None] = lambda text: None
+    model: AxisModel,
+    search: Search,
+    state: State,
+    floor: dict[str, float],
+    records: Sequence[Record],
+    tick: Callable[[str], None] = lambda text: None,
 ) -> Plan | None:
     """None where every name stands alone. ``floor`` is that of a record of its own, not of a difference of two."""
     pairs = [pair for n in state.named for pair in _pairs(search, state, n, tick)]
@@ -95,7 +100,9 @@ def plan(
     best, row = max(table, key=lambda entry: min(entry[1][k].most for k in can))
     parted = tuple(row[k] for k in can)
     words = "; ".join(f"{p.name} and {p.rival} part by {p.most:.3g} floors in {max(p.floors, key=lambda c: p.floors[c])}" for p in parted)
-    return Plan(best.model_copy(update={"note": f"Written by spsp-ctrl diagnose to tell apart what the logs could not: {words}."}), parted, together, tried)
+    return Plan(
+        best.model_copy(update={"note": f"Written by spsp-ctrl diagnose to tell apart what the logs could not: {words}."}), parted, together, tried
+    )
 
 
 def _pairs(search: Search, state: State, named: Named, tick: Callable[[str], None]) -> list[Pair]:
@@ -222,4 +229,3 @@ def summary(chosen: Plan) -> dict[str, Any]:
         "not_separable_here": [list(pair) for pair in chosen.together],
         "tried": [{"motion": name, "floors": float(f"{value:.4g}")} for name, value in chosen.tried],
     }
-

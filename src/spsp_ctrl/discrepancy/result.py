@@ -156,7 +156,8 @@ class Diagnosis:
                 for e in self.effects
             ],
             "unexplained": [
-                {"channel": u.channel, "regime": u.regime, "size": u.size, "unit": u.unit, "sketch": self._sketch(u.channel)} for u in self.unexplained
+                {"channel": u.channel, "regime": u.regime, "size": u.size, "unit": u.unit, "sketch": self._sketch(u.channel)}
+                for u in self.unexplained
             ],
             "refused": [{"name": r.name, "channel": r.channel, "evidence": r.evidence} for r in self.refused],
             "gap": {

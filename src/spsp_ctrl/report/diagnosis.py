@@ -71,7 +71,9 @@ def _names(answer: Diagnosis) -> Iterator[str]:
         numbers = "<br>".join(f"{escape(plain(n))} {escape(quantity(v))}" for n, v in e.parameters.items())
         share = "" if e.gap_closed is None else f"{number(100 * e.gap_closed, 0)} %"
         remarks = "; ".join(filter(None, [class_of(e) and f"cannot be told apart: {class_of(e)}", *e.remarks]))
-        rows.append((str(k), f"<b>{escape(plain(e.name))}</b>", escape(e.stage), numbers, escape(e.channel), number(e.evidence, 0), share, escape(remarks)))
+        rows.append(
+            (str(k), f"<b>{escape(plain(e.name))}</b>", escape(e.stage), numbers, escape(e.channel), number(e.evidence, 0), share, escape(remarks))
+        )
     head = ("", "name", "stage", "value ± σ", "channel", "evidence", "of its excess", "rivals and remarks")
     body = table(head, rows, (5, 6))
     for step, ranked in answer.screening:
@@ -103,14 +105,18 @@ def _next(answer: Diagnosis) -> Iterator[str]:
         return
     body = ""
     if plan.scenario is not None:
-        rows = [(escape(plain(p.name)), escape(plain(p.rival)), ", ".join(f"{c} {figures.floors(f)}" for c, f in p.floors.items())) for p in plan.partings]
+        rows = [
+            (escape(plain(p.name)), escape(plain(p.rival)), ", ".join(f"{c} {figures.floors(f)}" for c, f in p.floors.items())) for p in plan.partings
+        ]
         body += f"<p><b>{escape(plan.scenario.title)}</b>, {plan.scenario.seconds:g} s: <code>next.yaml</code></p>"
         body += table(("name", "or its twin", "predicted to part by, in floors"), rows, cls="log")
         body += details("Motions that were compared", "\n".join(f"{value:10.3g} floors  {name}" for name, value in plan.tried))
     for a, b in plan.together:
-        text = f"{plain(a)} and {plain(b)}: no motion that was looked at parts them; it takes a second reference (turn the base, a level, a known angle) or a wider reach."
+        text = f"{plain(a)} and {plain(b)}: no motion that was looked at parts them; that takes a second reference or a wider reach."
         body += f"<p>{escape(text)}</p>"
-    yield section("Next experiment", "What would tell the twins apart, within what the bench has already shown to bear; the rival refitted first.", body)
+    yield section(
+        "Next experiment", "What would tell the twins apart, within what the bench has already shown to bear; the rival refitted first.", body
+    )
 
 
 def _regimes(answer: Diagnosis) -> Iterator[str]:

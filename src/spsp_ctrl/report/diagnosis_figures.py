@@ -20,16 +20,20 @@ from spsp_ctrl.report.xy import Chart, Line, render_chart
 SCALES = {"m": (1e6, "µm"), "rad": (1e3, "mrad"), "A": (1e3, "mA"), "N": (1.0, "N")}
 STRETCH_S = 3.0
 STYLE = """
-.wf{display:grid;grid-template-columns:minmax(120px,max-content) 1fr max-content;gap:6px 14px;align-items:center;margin:6px 0 4px;font-size:14px}
+.wf{display:grid;grid-template-columns:minmax(120px,max-content) 1fr max-content;gap:6px 14px;align-items:center;
+margin:6px 0 4px;font-size:14px}
 .wf .track{position:relative;height:20px;background:var(--bg);border-radius:4px;min-width:120px}
 .wf .track i{position:absolute;top:0;bottom:0;border-radius:4px}.wf i.left{background:var(--base);opacity:.55}
 .wf i.drop{background:var(--good)}.wf i.rise{background:var(--bad)}.wf i.last{background:var(--pitch)}.wf i.first{background:var(--base)}
 .wf .track b{position:absolute;top:-3px;bottom:-3px;width:0;border-left:2px dashed var(--muted)}
 .wf .num{font-variant-numeric:tabular-nums}.wf small,.swatches{color:var(--muted)}
-.swatches{font-size:13px;margin:2px 0 0}.swatches i{display:inline-block;width:12px;height:12px;border-radius:3px;margin:0 6px 0 14px;vertical-align:-1px}
+.wf .track.thin{display:block;height:11px;margin:2px 0}
+.swatches{font-size:13px;margin:2px 0 0}
+.swatches i{display:inline-block;width:12px;height:12px;border-radius:3px;margin:0 6px 0 14px;vertical-align:-1px}
 .swatches i:first-child{margin-left:0}
 table.map td{text-align:center;white-space:nowrap;padding:5px 8px;border-bottom:2px solid var(--card);border-right:2px solid var(--card)}
-table.map td:first-child{text-align:left;background:none!important}table.map th{text-align:center;padding:5px 8px}table.map th:first-child{text-align:left}
+table.map td:first-child{text-align:left;background:none!important}table.map th{text-align:center;padding:5px 8px}
+table.map th:first-child{text-align:left}
 table.map small{color:var(--muted)}
 .story{font-size:16.5px;line-height:1.6;max-width:78ch}.story p{margin:0 0 8px}.story b{font-weight:650}
 """
@@ -69,7 +73,11 @@ def waterfall(steps: Sequence[Step], gaps: dict[str, Gap]) -> str:
                 kind = "drop" if value <= before else "rise"
                 bar = f'<i class="left" style="left:0;width:{a:.2f}%"></i><i class="{kind}" style="left:{a:.2f}%;width:{max(b - a, 0.25):.2f}%"></i>'
                 share = (before - value) / max(values[0][1] - 1.0, 1e-9)
-                text = f"{number(-100 * share, 0)} % <small>→ {floors(value)}</small>" if abs(share) >= 0.005 else f"<small>no change, {floors(value)}</small>"
+                text = (
+                    f"{number(-100 * share, 0)} % <small>→ {floors(value)}</small>"
+                    if abs(share) >= 0.005
+                    else f"<small>no change, {floors(value)}</small>"
+                )
             before = value
             rows.append(f'<span>{escape(label)}</span><span class="track">{bar}{one}</span><span class="num">{text}</span>')
         last = values[-1][1]
@@ -90,17 +98,23 @@ def waterfall(steps: Sequence[Step], gaps: dict[str, Gap]) -> str:
 
 def bars(gaps: dict[str, Gap], words: dict[str, str]) -> str:
     """Size before and after of every channel, in floors."""
-    top = 1.15 * max([2.0, *(g.before / g.floor for g in gaps.values() if g.floor > 0.0), *(g.after / g.floor for g in gaps.values() if g.floor > 0.0)])
+    top = 1.15 * max(
+        [2.0, *(g.before / g.floor for g in gaps.values() if g.floor > 0.0), *(g.after / g.floor for g in gaps.values() if g.floor > 0.0)]
+    )
     rows = []
     for channel, g in gaps.items():
         low, high = g.interval or (0.0, 0.0)
-        closed = "at floor" if g.closed is None else f"<b>{number(100 * g.closed, 1)} %</b> <small>[{number(100 * low, 1)}, {number(100 * high, 1)}]</small>"
+        closed = (
+            "at floor"
+            if g.closed is None
+            else f"<b>{number(100 * g.closed, 1)} %</b> <small>[{number(100 * low, 1)}, {number(100 * high, 1)}]</small>"
+        )
         tracks = ""
         if g.floor > 0.0:
             one = f'<b style="left:{_at(1.0, 0.5, top):.2f}%"></b>'
             pair = ((g.before, "first"), (g.after, "last"))
             tracks = "".join(
-                f'<span class="track" style="display:block;height:11px;margin:2px 0"><i class="{cls}" style="left:0;width:{_at(v / g.floor, 0.5, top):.2f}%">'
+                f'<span class="track thin"><i class="{cls}" style="left:0;width:{_at(v / g.floor, 0.5, top):.2f}%">'
                 f"</i>{one}</span>"
                 for v, cls in pair
             )
@@ -157,7 +171,9 @@ def regime_table(cells: Sequence[RegimeCell]) -> str:
         for channel in channels:
             cell = at.get((channel, regime))
             line += (
-                "<td></td>" if cell is None else f'<td style="{_shade(cell.after)}"><small>{floors(cell.before)} →</small> <b>{floors(cell.after)}</b></td>'
+                "<td></td>"
+                if cell is None
+                else f'<td style="{_shade(cell.after)}"><small>{floors(cell.before)} →</small> <b>{floors(cell.after)}</b></td>'
             )
         rows.append(f"<tr>{line}</tr>")
     return f'<div class="scroll"><table class="map"><thead><tr><th>regime</th>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'

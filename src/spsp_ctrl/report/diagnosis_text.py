@@ -65,7 +65,8 @@ def story(answer: Diagnosis) -> Iterator[str]:
     if closed:
         yield f"With the new model file {listed(closed)} is gone."
     for r in answer.refused:
-        yield f"{plain(r.name).capitalize()} came nearest in {r.channel} and is refused: it closes less than half of the gap there. Not explained by the library."
+        nearest = f"{plain(r.name).capitalize()} came nearest in {r.channel} and is refused"
+        yield f"{nearest}: it closes less than half of the gap there. Not explained by the library."
     shapes = {s.channel: s for s in answer.sketches}
     for u in answer.unexplained:
         drawn = f"; {shape(shapes[u.channel])}" if u.channel in shapes else ""
@@ -87,7 +88,8 @@ def shape(sketch: Sketch) -> str:
     what = "size" if sketch.kind == "rms" else "mean"
     where = f"{at:.3g} {sketch.over_unit}" + ("" if name == "all" else f", {name}")
     sides = f", {sketch.sides}" if sketch.sides else ""
-    return f"over {sketch.over} (which orders {sketch.explained:.0%} of it) its {what} is largest, {value * factor:.3g} ± {spread * factor:.1g} {unit}, at {where}{sides}"
+    top = f"{value * factor:.3g} ± {spread * factor:.1g} {unit}"
+    return f"over {sketch.over} (which orders {sketch.explained:.0%} of it) its {what} is largest, {top}, at {where}{sides}"
 
 
 def _share(gap: Gap) -> str:
