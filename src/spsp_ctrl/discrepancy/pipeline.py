@@ -160,12 +160,12 @@ def _library(model: AxisModel, train: Bench, state: State) -> list[names.Candida
     current = one.measured["command"] if not one.tracking else one.measured["current"]
     reach = names.reaches(model, state.p, current, np.asarray(speed))
     orders = best_orders(train, state.fitted.residuals)
-    return [names.candidate(model, e, h, state.p, reach, orders) for e, h in names.hypotheses(model)]
+    return [names.candidate(model, e, h, state.p, reach, orders) for e, h in names.hypotheses(model) if h.name not in one.blind]
 
 
 def best_orders(bench: Bench, residuals: Split, count: int = 2) -> tuple[float, ...]:
     """Orders of the motor turn with the strongest lines in what is left: a free scan, not only orders that a library knows."""
-    channel = "force" if "force" in residuals else "current"
+    channel = next(c for c in ("force", "current", "ruler") if c in residuals)
     one, use = bench.replicas[0], bench.use[0][channel]
     values = residuals[channel][: int(use.sum())]
     motor = one.measured["motor"] if np.ptp(one.measured["motor"]) > 0 else one.measured["load"] / one.travel_per_rad

@@ -12,7 +12,7 @@ import yaml
 
 from spsp_ctrl.config.loader import ConfigError, ConfigProblem
 from spsp_ctrl.plant.axis import IN
-from spsp_ctrl.plant.axis_bench import bench_samples
+from spsp_ctrl.plant.axis_bench import closed_loop_samples
 from spsp_ctrl.plant.axis_model import AxisModel, load_axis_model
 from spsp_ctrl.plant.axis_scenario import AXIS_SCENARIO_SCHEMA, AxisScenario, Course, course, document, load_axis_scenario
 from spsp_ctrl.recording.axis_writer import AxisLog
@@ -41,7 +41,7 @@ def run(scenario_path: Path, model_path: Path, folder: Path, seed: int) -> dict[
         text = f"rate_hz is {scenario.rate_hz:g}, that of {model_path} is {model.file.rate_hz:g}"
         raise ConfigError([ConfigProblem(scenario_path, 0, 0, text)])
     what = course(scenario)
-    samples = bench_samples(driven(model, scenario), what.inputs, seed)
+    samples = closed_loop_samples(driven(model, scenario), what.inputs, seed)
     command = np.array([s.command_a for s in samples])
     load = np.array([s.load_m for s in samples])
     kept = bool(np.max(np.abs(command)) <= scenario.limits.current_a * (1.0 + 1e-9))
