@@ -17,7 +17,7 @@ from spsp_ctrl.plant.layout import A
 
 REFUSED = 0.5
 """A name is refused when its channel, with all names in place, lost less than this share of its excess."""
-BINS = 18
+BINS = 32
 CONTRAST = 0.05
 """Share of the variance that the order must explain for the mean to be drawn; else the size is drawn."""
 
@@ -123,9 +123,11 @@ def _binned(channel: str, name: str, unit: str, x: Array, y: Array, way: Array |
     curves, left, used = [], y - (y.mean() if kind == "rms" else 0.0), 0
     fitted = np.full(len(y), float(y.mean()) if kind == "rms" else 0.0)
     for label, mask in masks:
-        if mask.sum() < 8 * BINS:
+        if mask.sum() < 4 * BINS:
             return None
-        edges = np.unique(np.quantile(x[mask], np.linspace(0.0, 1.0, BINS + 1)))
+        # where the samples are, and evenly: a rest must not leave one wide bin for all the rest
+        dense, even = np.quantile(x[mask], np.linspace(0.0, 1.0, BINS // 2 + 1)), np.linspace(x[mask].min(), x[mask].max(), BINS // 2 + 1)
+        edges = np.unique(np.concatenate([dense, even]))
         if len(edges) < 3:
             return None
         place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
