@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from tests.discrepancy.benches import MODEL, ROOT, samples_of, write
 
 from spsp_ctrl.cli import cli
 from spsp_ctrl.discrepancy.gate import judge
 from spsp_ctrl.discrepancy.records import load_record
 from spsp_ctrl.messages import AxisSample
 from spsp_ctrl.plant.axis_model import load_axis_model
-from tests.discrepancy.benches import MODEL, ROOT, samples_of, write
 
 Change = Callable[[AxisSample], AxisSample]
 

@@ -133,7 +133,7 @@ def _units(gate: Gate, record: Record, model: AxisModel) -> None:
     for name in ("screw_c", "ambient_c"):
         low, high = float(record.rows[name].min()), float(record.rows[name].max())
         if low < COLDEST_C or high > HOTTEST_C:
-            unit = "; kelvin would be 273.15 higher" if 250.0 < low and high < 273.15 + HOTTEST_C else ""
+            unit = "; kelvin would be 273.15 higher" if low > 250.0 and high < 273.15 + HOTTEST_C else ""
             gate.problems.append(f"{name} reaches {low:.4g} to {high:.4g} degC: wrong unit{unit}")
     load = np.asarray(record.rows["load_m"], np.float64)
     if float(np.ptp(load)) == 0.0:
