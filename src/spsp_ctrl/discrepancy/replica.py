@@ -4,6 +4,7 @@ A log with a known cascade in the model file is simulated in closed loop from it
 command acts (in velocity mode, where no torque command is logged, the measured current), and a slow tracking loop keeps the simulated motor at the
 recorded angle: ``u = u_rec + kv (kp e + e')``. What it has to add is the torque that the model is missing, so nothing drifts however long the
 record, and every effect that depends on the place acts at the right place.
+"""
 
 from __future__ import annotations
 
