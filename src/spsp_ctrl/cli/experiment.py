@@ -106,11 +106,13 @@ def experiment(
 def _axis_motion(path: Path, model: Path, out: Path | None, seed: int | None, as_json: bool, strict: bool) -> bool:
     """Run a motion file of a single axis; False when the file is something else."""
     from spsp_ctrl.experiments import axis_session, runner
+    from spsp_ctrl.plant.axis_model import load_axis_model
+    from spsp_ctrl.plant.axis_scenario import load_axis_scenario
 
     if not axis_session.is_axis_motion(path):
         return False
-    axis_session.load_axis_scenario(path)  # refused before a folder is made
-    axis_session.load_axis_model(model)
+    load_axis_scenario(path)  # refused before a folder is made
+    load_axis_model(model)
     folder = runner.open_folder(out)
     folder.mkdir(parents=True, exist_ok=True)
     summary = axis_session.run(path, model, folder, 1 if seed is None else seed)

@@ -13,7 +13,7 @@ from spsp_ctrl.discrepancy.show import Gap
 from spsp_ctrl.discrepancy.unknown import Sketch
 from spsp_ctrl.report.diagnosis_text import shape
 from spsp_ctrl.report.page import table
-from spsp_ctrl.report.svg import Band, Panel, TimeAxis, Trace, render_panel
+from spsp_ctrl.report.svg import Band, Panel, Style, TimeAxis, Trace, render_panel
 from spsp_ctrl.report.text import number
 from spsp_ctrl.report.xy import Chart, Line, render_chart
 
@@ -183,7 +183,8 @@ def sketch_chart(sketch: Sketch) -> str:
     """What is left over the variable that orders it, with two standard errors either way."""
     factor, unit = SCALES.get(sketch.unit, (1.0, sketch.unit))
     lines = []
-    for (name, x, y, e), style in zip(sketch.curves, ("pitch", "roll"), strict=False):
+    styles: tuple[Style, Style] = ("pitch", "roll")
+    for (name, x, y, e), style in zip(sketch.curves, styles, strict=False):
         label = "mean" if name == "all" else name
         lines.append(Line(label if sketch.kind == "mean" else f"size, {label}", x, np.asarray(y * factor), style, dots=True))
         lines.append(Line("+2σ", x, np.asarray((y + 2 * e) * factor), style, soft=True))
