@@ -14,7 +14,7 @@ from spsp_ctrl.config.loader import _construct
 from tools import make_schemas
 
 CONFIG = Path(__file__).parents[2] / "config"
-KIND = {name: f"{name}.schema.json" for name in ("rig", "scenario", "model", "axis", "import-map", "served")}
+KIND = {name: f"{name}.schema.json" for name in ("rig", "scenario", "model", "axis", "axis-scenario", "import-map", "served")}
 """Schema by the kind of file; a model file of ``kind: axis`` has its own."""
 FILES = [
     path

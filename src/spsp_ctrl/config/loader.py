@@ -35,6 +35,7 @@ KINDS = {
     TOLERANCES_SCHEMA: "a tolerance file",
     TRANSMISSION_SCHEMA: "a transmission file",
     IMPORT_MAP_SCHEMA: "an import map",
+    "spsp-ctrl/axis-scenario/1": "a motion file of a single axis",
     SERVED_SCHEMA: "a plant server file",
 }
 
