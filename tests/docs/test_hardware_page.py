@@ -101,7 +101,7 @@ def test_every_step_prints_what_the_page_says(served: tuple[Path, dict[str, str]
     assert len(found) >= 7
     for step in found:
         argv = [sys.executable, "-m", "spsp_ctrl.cli", *step.command.split()[1:]]
-        done = subprocess.run(argv, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=60)
+        done = subprocess.run(argv, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=180)
         out = done.stdout
         for there, here in own.items():
             out = out.replace(here, there)

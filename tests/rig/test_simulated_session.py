@@ -48,7 +48,7 @@ WATCHED = {"code": 0, "devices": [], "ports": []}
 
 def outcome(rig: Path, out: Path) -> dict[str, object]:
     words = [sys.executable, "-c", SCRIPT, str(rig), str(out)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=120, env=os.environ)
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=300, env=os.environ)
     assert "\n-- " in done.stdout, done.stdout + done.stderr
     found: dict[str, object] = json.loads(done.stdout.rsplit("\n-- ", 1)[1])
     return found
