@@ -88,7 +88,7 @@ CASES = (
          (f"{SECTION}:", "impossible geometry: moving_radius_mm (300) must be smaller than column_height_mm (265.5)"), subprocess=True),
     edit("stroke-too-short", "stroke_min_mm: -34.1", "stroke_min_mm: -20.0",
          ("stroke_min_mm", "does not reach pitch_limit_deg = +20, which needs -34.12 mm"), ("stroke_min_mm", "does not reach roll_limit_deg")),
-    edit("unknown-driver", "driver: simulated", "driver: teleport", ("driver: teleport", "rig.driver = 'teleport': input should be 'simulated'")),
+    edit("unknown-driver", "driver: simulated", "driver: teleport", ("driver: teleport", "rig.driver = 'teleport': it must be one of 'simulated', 'bus'")),
     edit("seed-too-large", "seed: 1 ", "seed: 99999999999 ", ("seed: 99999999999", "rig.seed = 99999999999 is out of range: it must be <= 2.14748e+09")),
     edit("missing-scenario", "swing-2dof.yaml", "swing-3dof.yaml", ("scenario: ", "scenario: no such file: "), subprocess=True),
     edit("missing-model", "model: model.yaml", "model: nothing.yaml", ("model: nothing.yaml", "rig.model: no such file: ")),

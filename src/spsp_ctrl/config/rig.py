@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import atan2, cos, degrees, hypot, radians
 from typing import Literal
 
 from pydantic import Field, model_validator
 
+from spsp_ctrl.config.devices import BusDriver as BusDriver
+from spsp_ctrl.config.devices import Driver
+from spsp_ctrl.config.devices import SimulatedDriver as SimulatedDriver
 from spsp_ctrl.config.scenario import Strict
 
 RIG_SCHEMA = "spsp-ctrl/rig/1"
 MECHANISM_SCHEMA = "spsp-ctrl/mechanism/1"
-
-
-class SimulatedDriver(Strict):
-    """The virtual rig: the plant in this process."""
-
-    driver: Literal["simulated"]
-    """The virtual rig."""
-    model: str = "model.yaml"
-    """Plant model file, relative to this file."""
-    seed: int = Field(default=1, ge=0, le=2**31 - 1)
-    """Seed of noise and base roughness."""
 
 
 class Mechanism(Strict):
@@ -471,7 +464,8 @@ class RigConfig(Strict):
     """Control cycles per second."""
     scenario: str
     """Scenario file, relative to this file: the motion that ``run`` plays."""
-    rig: SimulatedDriver
+    rig: Driver
+    """What the rig is made of."""
     mechanism: Mechanism
     """The mechanism as the controller knows it."""
     pitch_actuator: Actuator
@@ -492,3 +486,9 @@ class RigConfig(Strict):
     """When it may move and when it must stop."""
     realtime: RealTimeConfig = RealTimeConfig()
     """What is asked of the operating system."""
+
+    def misfits(self) -> Iterator[tuple[tuple[str, ...], str]]:
+        """What no single key can know: place and text of everything that does not fit."""
+        if isinstance(self.rig, BusDriver):
+            for place, text in self.rig.misfits():
+                yield ("rig", *place), text

@@ -8,17 +8,19 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from spsp_ctrl.messages import Control, Measurement, OperatorRequest, Timing, Truth
+from spsp_ctrl.recording import raw
 from spsp_ctrl.recording.frames import (
     ATTACHMENT,
     CYCLE,
     FRAME,
     MESSAGE,
     METADATA,
+    RAW,
     SIZES,
     TOPIC_NAMES,
     pack_with_truth,
@@ -138,6 +140,12 @@ class Recorder:
     def operator(self, request: OperatorRequest) -> None:
         """The operator asked for something."""
         self._json("/operator", request.stamp_ns, request._asdict())
+
+    def raw(self, log_time_ns: int, entries: Sequence[Any]) -> None:
+        """What went over buses and lines in this cycle (``rig.raw``)."""
+        if entries:
+            block = raw.pack(entries)
+            self._put(FRAME.pack(RAW, 0, max(log_time_ns, 0), len(entries), len(block)) + block, len(entries))
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Facts about the session."""

@@ -22,7 +22,9 @@ from mcap.records import ChunkIndex, MessageIndex
 from mcap.writer import CompressionType, Writer
 
 from spsp_ctrl import __version__
-from spsp_ctrl.recording.frames import CYCLE, MESSAGE, METADATA, OFFSETS
+from spsp_ctrl.recording.frames import CYCLE, MESSAGE, METADATA, OFFSETS, RAW
+from spsp_ctrl.recording.raw import BYTES_NAME, BYTES_SCHEMA, FRAME_NAME, FRAME_SCHEMA, encode, unpack
+from spsp_ctrl.recording.raw import topic as raw_topic
 from spsp_ctrl.recording.ring import Ring
 from spsp_ctrl.recording.schema import CYCLIC, JSON_TOPICS, TOPICS, ros_name, ros_schema
 
@@ -91,6 +93,7 @@ class McapLog:
         self._chunks = _ChunkIndices(Path(file).parent if isinstance(file, str | os.PathLike) else None)
         library._Writer__chunk_indices = self._chunks
         self._places = tuple(zip(self._channels, OFFSETS, strict=False))
+        self._raw_channels: dict[tuple[str, bool], int] = {}
         self._chunk_start_ns = 0
         self.flush()
 
@@ -122,6 +125,19 @@ class McapLog:
             self.flush()
             self._chunk_start_ns = log_time_ns
         self._writer.add_message(self._channels[topic], log_time_ns, payload, log_time_ns, sequence)
+
+    def raw(self, log_time_ns: int, block: bytes) -> None:
+        """What went over buses and lines in a cycle; each bus and direction has its topic. The sequence is the poll it came with."""
+        if log_time_ns - self._chunk_start_ns >= CHUNK_NS:
+            self.flush()
+            self._chunk_start_ns = log_time_ns
+        for entry, poll in unpack(block):
+            key = (entry.name, entry.sent)
+            if key not in self._raw_channels:
+                name, text = (BYTES_NAME, BYTES_SCHEMA) if entry.identifier < 0 else (FRAME_NAME, FRAME_SCHEMA)
+                schema = self._writer.register_schema(name, "ros2msg", text.encode())
+                self._raw_channels[key] = self._writer.register_channel(raw_topic(*key), "cdr", schema)
+            self._writer.add_message(self._raw_channels[key], log_time_ns, encode(entry), log_time_ns, poll)
 
     def attachment(self, name: str, data: bytes) -> None:
         """A file of the session."""
@@ -162,6 +178,9 @@ def serve(ring: Ring, path: Path, ended: Callable[[], bool], ready: Callable[[],
             if kind == MESSAGE:
                 log.message(number, log_time, sequence, payload)
                 return 1
+            if kind == RAW:
+                log.raw(log_time, payload)
+                return sequence
             if kind == METADATA:
                 log.metadata(*json.loads(payload))
             else:

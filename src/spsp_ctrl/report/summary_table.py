@@ -79,6 +79,15 @@ def print_summary(summary: Mapping[str, Any], console: Console, folder: Path | N
                 "",
             )
     add("skipped cycles", _count(timing.get("skipped")), "", "", "")
+    buses = _map(summary.get("buses"))
+    if buses:
+        frames = f"{_count(buses.get('received'))} in, {_count(buses.get('sent'))} out"
+        add("frames and pieces of bytes", frames, "", "", "")
+        answers = f"{_count(buses.get('statuses_late'))}, {_count(buses.get('statuses_lost'))} of {_count(buses.get('statuses_expected'))}"
+        add("drive answers late, lost", answers, "", "", "")
+        share = buses.get("io_share_of_period")
+        percent = f" ({_show(100.0 * share, 1)} %)" if isinstance(share, int | float) else ""
+        add("read and write per cycle", _show(buses.get("io_us_mean"), 0) + percent, "", "µs", "")
     log = _map(summary.get("log"))
     add("log records, lost", f"{_count(log.get('records'))}, {_count(log.get('lost'))}", "", "", "")
     refused = degraded(summary.get("realtime_granted"))

@@ -137,6 +137,7 @@ def run_loop(
     log_failed = False
     now = time.perf_counter_ns
     record_ns = 0
+    line_notes = getattr(rig, "notes", None)
 
     def event(level: str, id: str, text: str, stamp_ns: int) -> None:
         if id != "skip":
@@ -176,6 +177,9 @@ def run_loop(
                 control = control._replace(command=sent)
             after_write = now()
 
+            if line_notes is not None:
+                for level, id, text in line_notes():
+                    event(level, id, text, now_ns)
             if skipped:
                 result.skipped += skipped
                 result.skipped_stamps_ns.append(now_ns)
