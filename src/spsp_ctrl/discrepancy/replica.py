@@ -24,10 +24,12 @@ TRACKING_HZ = 8.0
 """Crossover of the tracking loop."""
 SETTLE_S = 0.3
 """Left out at the start: the state there is a guess."""
+WARMING_S = 0.3
+"""A screw does not warm within this time: what its sensor shows faster is noise."""
+SLOW_HZ = 100.0
+"""Rate to which the current is averaged: beyond, there is only noise and what ``drive`` shows."""
 TAIL_S = 0.012
 """Left out at the end: the smoothed reference of the tracking loop has no future there."""
-SLOW_HZ = 100.0
-"""Rate to which the slow channels are averaged."""
 COMMAND_NAMES = ("command_delay", "drive_lag", "command_deadband", "current_saturation", "voltage_saturation", "velocity_saturation")
 TORQUE_NAMES = (
     "coulomb_friction", "viscous_friction", "stribeck_friction", "friction_asymmetry", "load_friction", "presliding", "torque_offset",
@@ -102,13 +104,13 @@ class Replica:
             "current": self._slow(y[:, OUT.current_a] - m["current"], self.every),
             "drive": self._slow(drive, 1),
             "resolver": self._slow(motor, 1),
-            "ruler": self._slow(ruler, self.every),
+            "ruler": self._slow(ruler, 1),
         }
         return {c: every[c] for c in self.channels}
 
     def rows(self, channel: str) -> Array:
         """Row of the record in the middle of each residual of a channel."""
-        every = 1 if channel in ("force", "drive", "resolver") else self.every
+        every = self.every if channel == "current" else 1
         n = (len(self.inputs) - self.skip - self.tail) // every
         return np.asarray(self.skip + np.arange(n) * every + every // 2, np.int64)
 
@@ -138,6 +140,7 @@ def replica(model: AxisModel, record: Record) -> Replica:
     u = inputs_from(record.rows, record.rate_hz)
     tracking = model.file.controller.kind != "cascade"
     ratio = model.travel_per_rad
+    u[:, IN.screw_c] = smooth(u[:, IN.screw_c], max(1, round(0.5 * WARMING_S * record.rate_hz)))
     motor = record.motor_rad(float(p[A.resolver_counts]) or 2.0 * pi)
     rows = record.rows
     torque: Literal["command", "current", "unknown"] = "command"
