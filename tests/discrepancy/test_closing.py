@@ -15,7 +15,8 @@ from tests.discrepancy.benches import MODEL, MOTIONS, ROOT, samples_of, write
 
 from spsp_ctrl.cli import cli
 from spsp_ctrl.discrepancy import next_experiment
-from spsp_ctrl.discrepancy.fitting import Bench
+from spsp_ctrl.discrepancy.fitting import Bench, fit
+from spsp_ctrl.discrepancy.library import nominal_variables
 from spsp_ctrl.discrepancy.motion_menu import menu, reach_of
 from spsp_ctrl.discrepancy.next_experiment import Pair, Plan, imagined, part
 from spsp_ctrl.discrepancy.pipeline import Task, diagnose
@@ -90,6 +91,17 @@ def test_the_new_model_runs_on_the_bench_and_a_fresh_log_finds_nothing_missing(f
     again = diagnose(Task(load_axis_model(model), fresh, floor, held, 1), tmp_path / "again.yaml")
     assert again.verdict == "nothing-missing", again.reason
     assert again.effects == []
+
+
+def test_the_answer_does_not_depend_on_jobs(tmp_path: Path) -> None:
+    model = load_axis_model(MODEL)
+    one = replica(model, _record(tmp_path, "log", "axis-check", 1, {}, 4.0))
+    bench = Bench((one,), ({c: np.ones(len(one.rows(c)), bool) for c in one.channels},), FLOOR)
+    p = model.parameters()
+    variables = nominal_variables(model, p, p, 0.04)[:5]
+    alone, together = (fit(replace(bench, jobs=jobs), p, variables, steps=1) for jobs in (1, 3))
+    assert np.array_equal(alone.p, together.p)
+    assert all(np.array_equal(alone.jacobian[c], together.jacobian[c]) for c in alone.jacobian)
 
 
 # the next experiment

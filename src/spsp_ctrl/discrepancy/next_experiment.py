@@ -6,6 +6,7 @@ Divergence of refitted rivals over a menu of motions: Hunter and Reiner, Technom
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -90,10 +91,11 @@ def plan(
         return None
     pairs = [replace(pair, at_hand=difference(search.train, pair, floor)) for pair in pairs]
     reach = reach_of(model, records)
-    table: list[tuple[AxisScenario, list[Parting]]] = []
-    for scenario in menu(reach):
-        tick(f"next: {scenario.name}")
-        table.append((scenario, [part(model, scenario, pair, floor) for pair in pairs]))
+    tick("next: motions")
+    motions = list(menu(reach))
+    with ThreadPoolExecutor(search.train.jobs) as pool:
+        rows = list(pool.map(lambda scenario: [part(model, scenario, pair, floor) for pair in pairs], motions))
+    table: list[tuple[AxisScenario, list[Parting]]] = list(zip(motions, rows, strict=True))
     can = [k for k in range(len(pairs)) if any(row[k].most >= ENOUGH for _, row in table)]
     together = tuple((pairs[k].name, pairs[k].rival) for k in range(len(pairs)) if k not in can)
     tried = tuple((s.name, min((row[k].most for k in can), default=max((p.most for p in row), default=0.0))) for s, row in table)

@@ -52,6 +52,8 @@ class Task:
     seed: int
     last: str = "show"
     """Last stage to run."""
+    jobs: int = 1
+    """Threads; the answer does not depend on it."""
 
 
 def split_by_motion(one: Replica) -> tuple[np.ndarray, np.ndarray]:
@@ -100,7 +102,7 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
     commissioned = None
     if kept["commissioning"]:
         tick("floor")
-        commissioned = _bench(model, kept["commissioning"], {})
+        commissioned = replace(_bench(model, kept["commissioning"], {}), jobs=task.jobs)
         fitted = fit(commissioned, p, names.nominal_variables(model, p, p, sigma), steps=6, whitened=plain, tick=lambda: tick("floor"))
         floor, quality = floors.from_commissioning(fitted.residuals), "measured"
         p = reference = fitted.p
@@ -124,7 +126,7 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
         clean = scatter(commissioned.replicas[0])
         randoms = lost_or_coarse(scatter(train.replicas[0]), clean)
         train, held, p = without_lost(train, randoms), without_lost(held, randoms), coarser(p, randoms)
-    train = replace(train, motion=motion_of(train))
+    train = replace(train, motion=motion_of(train), jobs=task.jobs)
     search = Search(
         train, held,
         lambda q: () if base is not None else names.nominal_variables(model, q, reference, sigma),
