@@ -157,8 +157,10 @@ def _binned(channel: str, name: str, unit: str, x: Array, y: Array, way: Array |
         curves.append((label, np.array(xs), np.array(ys), np.array(es)))
     power = float(left @ left)
     share = 1.0 - float(np.sum((y - fitted) ** 2)) / power if power > 0.0 else 0.0
-    chance = used / max(used + 1.0, len(y) / length)
-    return Sketch(channel, UNITS[channel], name, unit, kind, max(0.0, share - chance), tuple(curves))
+    # adjusted for the number of bins among the independent samples
+    free = len(y) / length
+    share = 1.0 - (1.0 - share) * (free - 1.0) / (free - used - 1.0) if free > 2.0 * used else 0.5 * share
+    return Sketch(channel, UNITS[channel], name, unit, kind, max(0.0, share), tuple(curves))
 
 
 def direction(one: Replica) -> Array:

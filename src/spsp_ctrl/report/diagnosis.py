@@ -55,7 +55,7 @@ def _verdict(answer: Diagnosis) -> str:
 def _gap(answer: Diagnosis) -> Iterator[str]:
     if not answer.gap:
         return
-    if fall := figures.waterfall(answer.waterfall, answer.gap):
+    if len(answer.waterfall) > 1 and (fall := figures.waterfall(answer.waterfall, answer.gap)):
         lead = "Held-out data. Each name is put in, in the order in which it was found; what was recalibrated with it moves along with the first."
         yield section("Where the gap went", lead, fall)
     body = figures.bars(answer.gap, WORDS) + "".join(figures.series(answer))
