@@ -184,8 +184,8 @@ def _library(model: AxisModel, train: Bench, state: State, calibrated: bool) -> 
     reach = names.reaches(model, state.p, current, np.asarray(speed))
     orders = best_orders(train, state.fitted.residuals)
     lines = best_frequencies(train, state.fitted.residuals)
-    able = [(e, h) for e, h in names.hypotheses(model, state.p) if h.name not in one.blind]
-    return [names.candidate(model, e, h, state.p, reach, orders, lines, calibrated) for e, h in able]
+    known = [(e, h) for e, h in names.hypotheses(model, state.p) if h.name not in one.blind]
+    return [names.candidate(model, e, h, state.p, reach, orders, lines, calibrated) for e, h in known]
 
 
 def best_orders(bench: Bench, residuals: Split, count: int = 3) -> tuple[float, ...]:
@@ -193,7 +193,7 @@ def best_orders(bench: Bench, residuals: Split, count: int = 3) -> tuple[float, 
 
     Looked for in the whitened residual of the channel that follows the torque most quickly.
     """
-    channel = next(c for c in ("force", "resolver", "ruler") if c in residuals)
+    channel = next(c for c in ("force", "resolver", "current", "ruler") if c in residuals)
     one, use = bench.replicas[0], bench.use[0][channel]
     values = colour(residuals[channel]).apply(residuals[channel])[: int(use.sum())]
     motor = one.measured["motor"] if np.ptp(one.measured["motor"]) > 0 else one.measured["load"] / one.travel_per_rad

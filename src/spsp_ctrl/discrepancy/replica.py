@@ -24,12 +24,12 @@ TRACKING_HZ = 8.0
 """Crossover of the tracking loop."""
 SETTLE_S = 0.3
 """Left out at the start: the state there is a guess."""
+TAIL_S = 0.012
+"""Left out at the end: the smoothed reference of the tracking loop has no future there."""
 WARMING_S = 0.3
 """A screw does not warm within this time: what its sensor shows faster is noise."""
 SLOW_HZ = 100.0
 """Rate to which the current is averaged: beyond, there is only noise and what ``drive`` shows."""
-TAIL_S = 0.012
-"""Left out at the end: the smoothed reference of the tracking loop has no future there."""
 COMMAND_NAMES = ("command_delay", "drive_lag", "command_deadband", "current_saturation", "voltage_saturation", "velocity_saturation")
 TORQUE_NAMES = (
     "coulomb_friction", "viscous_friction", "stribeck_friction", "friction_asymmetry", "load_friction", "presliding", "torque_offset",
