@@ -15,16 +15,18 @@ from tests.discrepancy.benches import MODEL, MOTIONS, ROOT, samples_of, write
 
 from spsp_ctrl.cli import cli
 from spsp_ctrl.discrepancy import next_experiment
+from spsp_ctrl.discrepancy.confirming import Confirmed
 from spsp_ctrl.discrepancy.fitting import Bench, fit
-from spsp_ctrl.discrepancy.library import nominal_variables
+from spsp_ctrl.discrepancy.library import candidate, hypotheses, nominal_variables
 from spsp_ctrl.discrepancy.motion_menu import menu, reach_of
+from spsp_ctrl.discrepancy.naming import Named, Search, State
 from spsp_ctrl.discrepancy.next_experiment import Pair, Plan, imagined, part
 from spsp_ctrl.discrepancy.pipeline import Task, diagnose
 from spsp_ctrl.discrepancy.records import Record, load_record
 from spsp_ctrl.discrepancy.replica import replica
 from spsp_ctrl.discrepancy.result import Diagnosis
 from spsp_ctrl.discrepancy.statistics import rms
-from spsp_ctrl.discrepancy.unknown import sketch
+from spsp_ctrl.discrepancy.unknown import refuse, sketch
 from spsp_ctrl.discrepancy.variables import Variable
 from spsp_ctrl.plant.axis_model import load_axis_model
 from spsp_ctrl.plant.axis_scenario import course, load_axis_scenario
@@ -209,6 +211,39 @@ def test_what_is_left_is_drawn_over_what_orders_it(tmp_path: Path) -> None:
     assert 3e-6 < value < 9e-6
     assert sigma < value
     assert made.explained > 0.3
+
+
+def test_a_name_that_closes_too_little_is_refused_and_taken_out(tmp_path: Path) -> None:
+    """A wave over the travel that no name has: a shifted zero takes a little of it, and is not given."""
+    model = load_axis_model(MODEL)
+    p = model.parameters()
+    one = replica(model, _record(tmp_path, "log", "axis-check", 1, {}, 6.0))
+    use = {c: np.ones(len(one.rows(c)), bool) for c in one.channels}
+    rng = np.random.default_rng(4)
+    clean = {c: values + 0.1 * FLOOR[c] * rng.standard_normal(len(values)) for c, values in one.residuals(p).items()}
+    wave = 20e-6 * np.sin(one.measured["load"][one.rows("ruler")] / 2e-3) + 4e-6
+    known = {c: values - wave if c == "ruler" else values for c, values in clean.items()}
+    bench = Bench((one,), (use,), FLOOR, (known,))
+    effect, h = next((e, h) for e, h in hypotheses(model, p) if h.name == "zero_offset")
+    zero = candidate(model, effect, h, p, {}, ())
+    search = Search(bench, bench, lambda q: (), lambda s: [zero])
+    before = fit(bench, p, ())
+    first = State(p, before, before.residuals, [])
+    q = p.copy()
+    q[model.index("zero_offset_m")] = -4e-6
+    fitted = fit(bench, q, ())
+    named = Named(zero, 50.0, {}, "ruler", {}, {}, Confirmed(1.0, 0.1, 10.0))
+    state, refused = refuse(search, first, State(fitted.p, fitted, fitted.residuals, [named]), FLOOR)
+    assert [n.candidate.name for n in refused] == ["zero_offset"]
+    assert state.named == []
+    assert np.array_equal(state.p, p)
+    # the same name where it is the whole of it stays
+    whole = Bench((one,), (use,), FLOOR, ({**clean, "ruler": clean["ruler"] - 4e-6},))
+    before, fitted = fit(whole, p, ()), fit(whole, q, ())
+    assert rms(fitted.residuals["ruler"]) < 0.2 * rms(before.residuals["ruler"])
+    kept, none = refuse(Search(whole, whole, lambda q: (), lambda s: [zero]), State(p, before, {}, []), State(fitted.p, fitted, {}, [named]), FLOOR)
+    assert none == []
+    assert kept.named == [named]
 
 
 # velocity mode
