@@ -216,7 +216,17 @@ def motion_of(bench: Bench) -> dict[str, Array]:
         every = features(one)
         for channel in one.channels:
             made.setdefault(channel, []).append(every[one.rows(channel)[use[channel]]])
-    return {channel: basis(np.concatenate(parts)) for channel, parts in made.items()}
+    # records move in different ways (one may change the load, another not): each has columns of its own
+    return {channel: basis(_blocks(parts)) for channel, parts in made.items()}
+
+
+def _blocks(parts: Sequence[Array]) -> Array:
+    """The parts along the diagonal."""
+    rows, columns = np.cumsum([0, *(len(m) for m in parts)]), np.cumsum([0, *(m.shape[1] for m in parts)])
+    out = np.zeros((rows[-1], columns[-1]))
+    for k, part in enumerate(parts):
+        out[rows[k] : rows[k + 1], columns[k] : columns[k + 1]] = part
+    return out
 
 
 def without_lost(bench: Bench, randoms: Sequence[Random]) -> Bench:
