@@ -89,7 +89,7 @@ def follow(
     try:
         second = subject.read(again / "diagnosis.json")
     except (OSError, KeyError, ValueError, TypeError) as error:
-        return row | {"not_run": f"{type(error).__name__}: {error}"}
+        return row | {"not_run": f"{type(error).__name__}: {error}; it said: {ran.message}"}
     if not settings.keep:
         log.unlink()
     return row | {

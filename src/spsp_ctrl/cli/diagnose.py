@@ -32,7 +32,7 @@ FILE = click.Path(path_type=Path)
 )
 @click.option("--stage", type=click.Choice(["find", "name", "add", "show"]), default="show", help="Last stage to run (default show, all of them).")
 @click.option("--seed", type=click.IntRange(0), default=1, help="Seed of the bootstrap (default 1). Same seed, same answer.")
-@click.option("--jobs", type=click.IntRange(1), default=1, help="Accepted for scripts; the work is done on one core.")
+@click.option("--jobs", type=click.IntRange(1), default=1, help="Threads (default 1); the answer does not depend on it.")
 @JSON
 @guarded
 def diagnose(
@@ -82,7 +82,7 @@ def diagnose(
             done += 1
             advance(done, max(40, done + 5))
 
-        answer = run(Task(axis, sets[0], sets[1], sets[2], seed, stage), folder / "model.yaml", tick)
+        answer = run(Task(axis, sets[0], sets[1], sets[2], seed, stage, jobs), folder / "model.yaml", tick)
         answer.seconds = time.monotonic() - start
         (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n", encoding="utf-8")
         if answer.plan is not None and answer.next_experiment:

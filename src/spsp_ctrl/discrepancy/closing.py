@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from spsp_ctrl.discrepancy.fitting import Bench, Fitted, Split
-from spsp_ctrl.discrepancy.naming import Named, Search, State, without
+from spsp_ctrl.discrepancy.naming import Named, Search, State
 from spsp_ctrl.discrepancy.next_experiment import plan
 from spsp_ctrl.discrepancy.records import Record
 from spsp_ctrl.discrepancy.result import Correlation, Diagnosis, Refused, RegimeCell, Step
 from spsp_ctrl.discrepancy.statistics import rms
-from spsp_ctrl.discrepancy.unknown import regime_sizes, sketch
+from spsp_ctrl.discrepancy.unknown import regime_sizes, sketch, taken_out
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.axis_model import AxisModel
 
@@ -41,7 +41,7 @@ def close(
     answer.sketches = [s for c in left if (s := sketch(search.train, state.fitted.residuals, c)) is not None]
     answer.sketches.sort(key=lambda s: list(state.fitted.residuals).index(s.channel))
     if state.named:
-        answer.plan = plan(model, search, state, floor, records, tick)
+        answer.plan = plan(model, search, first, state, floor, records, tick)
         if answer.plan is not None and answer.plan.scenario is not None:
             answer.next_experiment = "next.yaml"
 
@@ -54,14 +54,9 @@ def waterfall(held: Bench, first: State, state: State, after: Split, floor: dict
     steps = [Step("recalibrated model", _over(first.held, floor))]
     for k, named in enumerate(state.named):
         later = state.named[k + 1 :]
-        p = state.p.copy()
+        p = state.p
         for n in later:
-            p = without(p, n.candidate, state.named[: k + 1])
-            for v in n.candidate.variables:
-                if not any(v.index == w.index for m in state.named[: k + 1] for w in m.candidate.variables):
-                    p[v.index] = first.p[v.index]
-                    if v.phase >= 0:
-                        p[v.phase] = first.p[v.phase]
+            p = taken_out(p, first.p, n, state.named[: k + 1])
         steps.append(Step(named.candidate.name, _over(held.residuals(p) if later else after, floor)))
     return steps
 

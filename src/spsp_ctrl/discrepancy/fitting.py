@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from math import isfinite
 
@@ -28,6 +29,8 @@ class Bench:
     motion: dict[str, Array] = field(default_factory=dict)
     """Orthonormal basis of what the motion can do to each channel; empty: a residual is whitened by its own colour."""
     calls: list[int] = field(default_factory=lambda: [0])
+    jobs: int = 1
+    """Threads: the kernel runs without the interpreter's lock. The result does not depend on it."""
 
     def residuals(self, p: Array) -> Split:
         """Residuals by channel over all records, only what is used. Huge but finite where the model ran away."""
@@ -39,6 +42,13 @@ class Bench:
                 left = values if known is None else values - known[channel]
                 parts.setdefault(channel, []).append(np.nan_to_num(left[use[channel]], nan=1e6, posinf=1e6, neginf=-1e6))
         return {channel: np.concatenate(values) for channel, values in parts.items()}
+
+    def many(self, sets: Sequence[Array]) -> list[Split]:
+        """Residuals of several parameter sets, in their order."""
+        if self.jobs == 1 or len(sets) < 2:
+            return [self.residuals(p) for p in sets]
+        with ThreadPoolExecutor(self.jobs) as pool:
+            return list(pool.map(self.residuals, sets))
 
 
 @dataclass(frozen=True)
@@ -61,11 +71,9 @@ def jacobian(bench: Bench, p: Array, variables: Sequence[Variable], base: Split)
     """One-sided differences, stepped inwards at a bound."""
     columns: dict[str, list[Array]] = {c: [] for c in base}
     at = values_of(p, variables)
-    for k, variable in enumerate(variables):
-        step = variable.step if at[k] + variable.step <= variable.high else -variable.step
-        moved = at.copy()
-        moved[k] += step
-        after = bench.residuals(place(p, variables, moved))
+    steps = [v.step if at[k] + v.step <= v.high else -v.step for k, v in enumerate(variables)]
+    moved = [at + np.where(np.arange(len(at)) == k, step, 0.0) for k, step in enumerate(steps)]
+    for step, after in zip(steps, bench.many([place(p, variables, values) for values in moved]), strict=True):
         for c in base:
             columns[c].append((after[c] - base[c]) / step)
     return {c: np.stack(v, axis=1) if v else np.zeros((len(base[c]), 0)) for c, v in columns.items()}
@@ -81,12 +89,10 @@ def _slopes(
     # a part of a pair moves with the other part in place
     pairs = [v for v in variables if v.name in have or v in fresh]
     at, new = values_of(p, pairs), {}
-    for v in fresh:
-        k = pairs.index(v)
-        moved = at.copy()
-        step = v.step if at[k] + v.step <= v.high else -v.step
-        moved[k] += step
-        after = bench.residuals(place(p, pairs, moved))
+    places = [pairs.index(v) for v in fresh]
+    steps = [v.step if at[k] + v.step <= v.high else -v.step for v, k in zip(fresh, places, strict=True)]
+    moved = [at + np.where(np.arange(len(at)) == k, step, 0.0) for k, step in zip(places, steps, strict=True)]
+    for v, step, after in zip(fresh, steps, bench.many([place(p, pairs, values) for values in moved]), strict=True):
         new[v.name] = {c: (after[c] - base[c]) / step for c in base}
     return {c: np.stack([known[1][c][:, have[v.name]] if v.name in have else new[v.name][c] for v in variables], axis=1) for c in base}
 

@@ -6,6 +6,7 @@ Divergence of refitted rivals over a menu of motions: Hunter and Reiner, Technom
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,11 @@ import yaml
 from spsp_ctrl.discrepancy.fitting import Bench, fit, robust_rms
 from spsp_ctrl.discrepancy.library import Candidate
 from spsp_ctrl.discrepancy.motion_menu import menu, reach_of
-from spsp_ctrl.discrepancy.naming import Named, Search, State, without
+from spsp_ctrl.discrepancy.naming import Named, Search, State
 from spsp_ctrl.discrepancy.records import Motion, Record
 from spsp_ctrl.discrepancy.replica import Replica, replica
 from spsp_ctrl.discrepancy.statistics import rms
+from spsp_ctrl.discrepancy.unknown import taken_out
 from spsp_ctrl.discrepancy.variables import Variable, place, values_of
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.axis import IN, INPUTS, OUT
@@ -77,21 +79,23 @@ class Plan:
 def plan(
     model: AxisModel,
     search: Search,
+    first: State,
     state: State,
     floor: dict[str, float],
     records: Sequence[Record],
     tick: Callable[[str], None] = lambda text: None,
 ) -> Plan | None:
     """None where every name stands alone. ``floor`` is that of a record of its own, not of a difference of two."""
-    pairs = [pair for n in state.named for pair in _pairs(search, state, n, tick)]
+    pairs = [pair for n in state.named for pair in _pairs(search, first, state, n, tick)]
     if not pairs:
         return None
     pairs = [replace(pair, at_hand=difference(search.train, pair, floor)) for pair in pairs]
     reach = reach_of(model, records)
-    table: list[tuple[AxisScenario, list[Parting]]] = []
-    for scenario in menu(reach):
-        tick(f"next: {scenario.name}")
-        table.append((scenario, [part(model, scenario, pair, floor) for pair in pairs]))
+    tick("next: motions")
+    motions = list(menu(reach))
+    with ThreadPoolExecutor(search.train.jobs) as pool:
+        rows = list(pool.map(lambda scenario: [part(model, scenario, pair, floor) for pair in pairs], motions))
+    table: list[tuple[AxisScenario, list[Parting]]] = list(zip(motions, rows, strict=True))
     can = [k for k in range(len(pairs)) if any(row[k].most >= ENOUGH for _, row in table)]
     together = tuple((pairs[k].name, pairs[k].rival) for k in range(len(pairs)) if k not in can)
     tried = tuple((s.name, min((row[k].most for k in can), default=max((p.most for p in row), default=0.0))) for s, row in table)
@@ -105,9 +109,9 @@ def plan(
     )
 
 
-def _pairs(search: Search, state: State, named: Named, tick: Callable[[str], None]) -> list[Pair]:
+def _pairs(search: Search, first: State, state: State, named: Named, tick: Callable[[str], None]) -> list[Pair]:
     rest = [n for n in state.named if n is not named]
-    bare = without(state.p, named.candidate, rest)
+    bare = taken_out(state.p, first.p, named, rest)
     library = {c.name: c for c in search.library(replace(state, p=bare, named=rest))}
     pairs = []
     for rival in named.rivals:

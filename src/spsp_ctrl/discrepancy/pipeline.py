@@ -52,6 +52,8 @@ class Task:
     seed: int
     last: str = "show"
     """Last stage to run."""
+    jobs: int = 1
+    """Threads; the answer does not depend on it."""
 
 
 def split_by_motion(one: Replica) -> tuple[np.ndarray, np.ndarray]:
@@ -100,7 +102,7 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
     commissioned = None
     if kept["commissioning"]:
         tick("floor")
-        commissioned = _bench(model, kept["commissioning"], {})
+        commissioned = replace(_bench(model, kept["commissioning"], {}), jobs=task.jobs)
         fitted = fit(commissioned, p, names.nominal_variables(model, p, p, sigma), steps=6, whitened=plain, tick=lambda: tick("floor"))
         floor, quality = floors.from_commissioning(fitted.residuals), "measured"
         p = reference = fitted.p
@@ -124,7 +126,7 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
         clean = scatter(commissioned.replicas[0])
         randoms = lost_or_coarse(scatter(train.replicas[0]), clean)
         train, held, p = without_lost(train, randoms), without_lost(held, randoms), coarser(p, randoms)
-    train = replace(train, motion=motion_of(train))
+    train = replace(train, motion=motion_of(train), jobs=task.jobs)
     search = Search(
         train, held,
         lambda q: () if base is not None else names.nominal_variables(model, q, reference, sigma),
@@ -141,9 +143,9 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
         answer.reason = "only `find` was asked for"
         return answer
     first, state = search.run(p, before)
-    state, refused = refuse(search, first, state)
+    state, refused = refuse(search, first, state, floor)
     answer.screening = search.trace
-    if commissioned is not None and not randoms:
+    if commissioned is not None and not randoms and "resolver" in train.replicas[0].channels:
         randoms = noisier(train.replicas[0].residuals(state.p)["resolver"], fitted.residuals["resolver"])
     answer.effects = [_random(r) for r in randoms] + [_effect(model, n, state.fitted, reference) for n in state.named]
     if task.last != "name":
@@ -214,7 +216,17 @@ def motion_of(bench: Bench) -> dict[str, Array]:
         every = features(one)
         for channel in one.channels:
             made.setdefault(channel, []).append(every[one.rows(channel)[use[channel]]])
-    return {channel: basis(np.concatenate(parts)) for channel, parts in made.items()}
+    # records move in different ways (one may change the load, another not): each has columns of its own
+    return {channel: basis(_blocks(parts)) for channel, parts in made.items()}
+
+
+def _blocks(parts: Sequence[Array]) -> Array:
+    """The parts along the diagonal."""
+    rows, columns = np.cumsum([0, *(len(m) for m in parts)]), np.cumsum([0, *(m.shape[1] for m in parts)])
+    out = np.zeros((rows[-1], columns[-1]))
+    for k, part in enumerate(parts):
+        out[rows[k] : rows[k + 1], columns[k] : columns[k + 1]] = part
+    return out
 
 
 def without_lost(bench: Bench, randoms: Sequence[Random]) -> Bench:

@@ -59,13 +59,14 @@ def screen(bench: Bench, fitted: Fitted, candidates: list[Candidate]) -> list[Sc
     for candidate in candidates:
         own = {v.name for v in candidate.variables}
         linear: list[tuple[float, Array, Array]] = []
+        ahead = iter(bench.many([candidate.at(_stepped(g, k, step)) for g in candidate.groups for k, step in g.steps]))
         for group in candidate.groups:
             if not group.steps:
                 linear.append((0.0, group.values, np.zeros(rows)))
                 continue
             columns, full = [], []
-            for values in (_stepped(group, k, step) for k, step in group.steps):
-                after = bench.residuals(candidate.at(values))
+            for _ in group.steps:
+                after = next(ahead)
                 moved = [flat[c] - white[c].unlimited(robust_rms(after[c])).apply(after[c]) for c in channels]
                 full.append(np.concatenate([*moved, np.zeros(rows)]))
                 columns.append(_less(basis, full[-1]))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spsp_ctrl.discrepancy.fitting import Bench, Split, fit, robust_rms
-from spsp_ctrl.discrepancy.naming import Named, Search, State, without
+from spsp_ctrl.discrepancy.naming import Named, Search, State
 from spsp_ctrl.discrepancy.replica import UNITS, Replica, smooth
 from spsp_ctrl.discrepancy.show import OPEN
 from spsp_ctrl.discrepancy.statistics import correlation_length, rms
@@ -58,9 +58,13 @@ def _sides(curves: tuple[tuple[str, Array, Array, Array], ...]) -> str:
     return "the same both ways" if likeness > 0.5 else "its sign follows the direction" if likeness < -0.5 else "other in each direction"
 
 
-def refuse(search: Search, first: State, state: State) -> tuple[State, list[Named]]:
-    """The state without the names whose channel stays mostly unexplained, and those names."""
-    start, end, floor = first.fitted.residuals, state.fitted.residuals, search.train.floor
+def refuse(search: Search, first: State, state: State, single: dict[str, float]) -> tuple[State, list[Named]]:
+    """The state without the names whose channel stays mostly unexplained, and those names. ``single`` is the floor of one record.
+
+    Where training is a difference of two records, what is left of it below the floor of one is nothing that a name must answer for.
+    """
+    start, end = first.fitted.residuals, state.fitted.residuals
+    floor = {c: max(search.train.floor.get(c, 0.0), single.get(c, 0.0)) for c in start}
     poor = set()
     for c in start:
         level = floor.get(c, 0.0)
@@ -73,14 +77,21 @@ def refuse(search: Search, first: State, state: State) -> tuple[State, list[Name
     rest = [n for n in state.named if n not in out]
     p = state.p
     for n in out:
-        p = without(p, n.candidate, rest)
-        for v in n.candidate.variables:  # a number that the model had before goes back to it
-            if not any(v.index == w.index for m in rest for w in m.candidate.variables):
-                p[v.index] = first.p[v.index]
-                if v.phase >= 0:
-                    p[v.phase] = first.p[v.phase]
+        p = taken_out(p, first.p, n, rest)
     fitted = fit(search.train, p, search.variables(p, rest), steps=3)
     return State(fitted.p, fitted, search.held.residuals(fitted.p), rest), out
+
+
+def taken_out(p: Array, before: Array, named: Named, rest: list[Named]) -> Array:
+    """Parameters with a name taken out: what no other name holds goes back to what it was ``before``, which is zero only for what was absent."""
+    held = {v.index for n in rest for v in n.candidate.variables}
+    q = p.copy()
+    for v in named.candidate.variables:
+        if v.index not in held:
+            for i in (v.index, v.phase, getattr(v, "along", -1)):
+                if i >= 0:
+                    q[i] = before[i]
+    return q
 
 
 def sketch(bench: Bench, residuals: Split, channel: str) -> Sketch | None:
@@ -146,8 +157,10 @@ def _binned(channel: str, name: str, unit: str, x: Array, y: Array, way: Array |
         curves.append((label, np.array(xs), np.array(ys), np.array(es)))
     power = float(left @ left)
     share = 1.0 - float(np.sum((y - fitted) ** 2)) / power if power > 0.0 else 0.0
-    chance = used / max(used + 1.0, len(y) / length)
-    return Sketch(channel, UNITS[channel], name, unit, kind, max(0.0, share - chance), tuple(curves))
+    # adjusted for the number of bins among the independent samples
+    free = len(y) / length
+    share = 1.0 - (1.0 - share) * (free - 1.0) / (free - used - 1.0) if free > 2.0 * used else 0.5 * share
+    return Sketch(channel, UNITS[channel], name, unit, kind, max(0.0, share), tuple(curves))
 
 
 def direction(one: Replica) -> Array:

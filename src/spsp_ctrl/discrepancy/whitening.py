@@ -67,7 +67,7 @@ def colour(values: Array, floor: float = 0.0, cleaned: Array | None = None) -> C
     if len(kept) > 4 * ORDER:
         lagged = np.lib.stride_tricks.sliding_window_view(kept, ORDER + 1)
         gram = lagged.T @ lagged / len(lagged)
-        past = gram[:ORDER, :ORDER] + RIDGE * np.trace(gram) / (ORDER + 1) * np.eye(ORDER)
+        past = gram[:ORDER, :ORDER] + (RIDGE * np.trace(gram) / (ORDER + 1) + 1e-15) * np.eye(ORDER)
         weights = np.linalg.solve(past, gram[:ORDER, ORDER])
         taps = np.concatenate([[1.0], -weights[::-1]])
         innovation = float(np.sqrt(max(taps[::-1] @ gram @ taps[::-1], 1e-12)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from html import escape
 
-from spsp_ctrl.discrepancy.result import Diagnosis
+from spsp_ctrl.discrepancy.result import Diagnosis, Value
 from spsp_ctrl.report import diagnosis_figures as figures
 from spsp_ctrl.report.diagnosis_figures import shown
 from spsp_ctrl.report.diagnosis_text import class_of, plain, quantity, story
@@ -38,8 +38,8 @@ def _verdict(answer: Diagnosis) -> str:
     tiles = []
     for e in answer.effects[:4]:
         value = next(iter(e.parameters.values()))
-        text, _, unit = quantity(value).partition(" ± ")[0].partition(" ")
-        tiles.append(tile(text, unit, plain(e.name) + (", or a twin" if len(e.members) > 1 else "")))
+        size, unit = quantity(Value(value.value, value.unit, None)).partition(" ")[::2]
+        tiles.append(tile(size, unit, plain(e.name) + (", or a twin" if len(e.members) > 1 else "")))
     for channel, gap in answer.gap.items():
         if gap.closed is not None:
             whole = gap.after <= gap.floor
@@ -55,7 +55,7 @@ def _verdict(answer: Diagnosis) -> str:
 def _gap(answer: Diagnosis) -> Iterator[str]:
     if not answer.gap:
         return
-    if fall := figures.waterfall(answer.waterfall, answer.gap):
+    if len(answer.waterfall) > 1 and (fall := figures.waterfall(answer.waterfall, answer.gap)):
         lead = "Held-out data. Each name is put in, in the order in which it was found; what was recalibrated with it moves along with the first."
         yield section("Where the gap went", lead, fall)
     body = figures.bars(answer.gap, WORDS) + "".join(figures.series(answer))
