@@ -40,7 +40,8 @@ def replay_log(
         raise LogError(f"{log}: cannot be replayed: /measurement and /control do not belong to the same cycles (records lost?)")
     _no_gap(data, total)
     requests = [
-        OperatorRequest(int(r["stamp_ns"]), str(r["verb"]), float(r["value"]), str(r["source"])) for r in data.operator
+        OperatorRequest(int(r["stamp_ns"]), str(r["verb"]), float(r["value"]), str(r["source"]), float(r.get("rate", 0.0)))
+        for r in data.operator
     ]
     recorded = data.metadata.get("run", {}).get("law_digest", "")
     result = replay(

@@ -28,4 +28,9 @@ def build_rig(
 
     model = load_model(model_path)
     announce("preparing the rig (the first start compiles the plant, about 10 s) ...")
-    return SimulatedRig(config, model, scenario, seed, real_time=real_time)
+    rig: Rig = SimulatedRig(config, model, scenario, seed, real_time=real_time)
+    if scenario.faults:
+        from spsp_ctrl.rig.injection import InjectedRig
+
+        rig = InjectedRig(rig, scenario.faults, seed)
+    return rig
