@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the virtual rig.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder; default runs/<UTC time>.")
 @click.option("--strict", is_flag=True, help="Exit with 1 when an acceptance row fails.")
+@click.option("--ctl", "listen", is_flag=True, help="Listen for `spsp-ctrl ctl` on RUN/ctl.sock; a fault then waits for a reset until the end.")
 @click.option("--no-screen", is_flag=True, help="No live screen in real time.")
 @JSON
 @guarded
@@ -39,6 +40,7 @@ def run(
     seed: int | None,
     out: Path | None,
     strict: bool,
+    listen: bool,
     no_screen: bool,
     as_json: bool,
 ) -> None:
@@ -54,7 +56,7 @@ def run(
     rig = session.prepare(plan, say)
     folder = session.new_folder(out)
     with _watch(plan, fast, as_json or no_screen) as watcher:
-        result = session.run_session(plan, rig, folder, watcher, say)
+        result = session.run_session(plan, rig, folder, watcher, say, listen=listen)
 
     from spsp_ctrl.report.data import RunData
     from spsp_ctrl.report.run_report import write_report

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,9 @@ from spsp_ctrl.runtime import cycle
 from spsp_ctrl.runtime.clock import LockStepClock, MonotonicClock
 from spsp_ctrl.runtime.identity import law_digest, versions
 from spsp_ctrl.runtime.loop import Interrupts, LoopResult, Operator, StatusSink, run_loop
+from spsp_ctrl.runtime.operator import SOCKET_NAME, Operators, SocketOperator
 from spsp_ctrl.runtime.realtime import RealTime
+from spsp_ctrl.safety.faults import BY_ID
 
 LOG_NAME = "run.mcap"
 
@@ -139,8 +142,10 @@ def run_session(
     folder: Path,
     watcher: Watcher | None = None,
     announce: Callable[[str], None] = lambda text: None,
+    *,
+    listen: bool = False,
 ) -> SessionResult:
-    """Run the scenario on an opened rig, record it into ``folder`` and summarise it."""
+    """Run the scenario on an opened rig, record it into ``folder`` and summarise it. ``listen``: take requests on a socket in the folder."""
     config, scenario = plan.config, plan.scenario
     period_ns = round(1e9 / config.rate_hz)
     identity = rig.open()
@@ -181,6 +186,8 @@ def run_session(
     controller = cycle.controller(config)
     state = cycle.start(config, scenario.reference)
     announce(f"running {scenario.name} for {scenario.duration_s:g} s ({mode})")
+    channel = SocketOperator(folder / SOCKET_NAME) if listen else None
+    sources = [source for source in (watcher.operator if watcher else None, channel) if source is not None]
     realtime = RealTime(plan.real_time and config.realtime.enabled, config.realtime.priority)
     try:
         with interruptible() as interrupts, realtime:
@@ -191,14 +198,17 @@ def run_session(
                 state,
                 round(scenario.duration_s * 1e9),
                 watched,
-                watcher.operator if watcher else None,
+                Operators(sources) if sources else None,
                 watcher.status if watcher else None,
                 interrupts,
                 config.rate_hz,
+                outside=partial(seen_outside, rig, recorder),
             )
     finally:
         rig.stop()
         rig.close()
+        if channel is not None:
+            channel.close()
         recorder.metadata("result", {"realtime_granted": json.dumps(realtime.granted)})
         stats = recorder.close()
     log, stats = _read_back(folder / LOG_NAME, stats)
@@ -206,6 +216,19 @@ def run_session(
     text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
     (folder / "summary.json").write_text(text, encoding="utf-8")
     return SessionResult(folder, summary, log, result)
+
+
+_TROUBLES = {"bus-off": "bus-off", "unplugged": "bus-off", "down": "bus-off", "queue-full": "queue-full"}
+
+
+def seen_outside(rig: Rig, recorder: Recorder) -> int:
+    """Number of a fault that no measurement shows: of the transport (a rig on a bus tells it as ``trouble``), or records lost by the log; else 0."""
+    trouble = getattr(rig, "trouble", None)
+    name = _TROUBLES.get(str(trouble() if trouble is not None else ""))
+    if name is not None:
+        return BY_ID[name].number
+    _, lost = recorder.counts()
+    return BY_ID["log-backlog"].number if lost else 0
 
 
 def _read_back(path: Path, stats: RecorderStats) -> tuple[LogData, RecorderStats]:

@@ -29,6 +29,8 @@ JUMP_COUNTS = 20.0
 CURRENT_MEMORY_S = 0.02
 CURRENT_ERROR_A = 0.75
 """At ``limits.current_a`` of 6 A: an eighth of it (healthy: 0.02 A)."""
+CURRENT_RMS_A = 1.5
+"""The same, rms: a command that arrives disturbed."""
 OVERCURRENT = 1.25
 DENSITY_SHARE = 0.15
 
@@ -56,6 +58,7 @@ class AxisLimits:
     current_share: float
     over_a: float
     current_error_a: float
+    current_power_a2: float
     torque_mode: bool
     supply_min_v: float
     supply_max_v: float
@@ -85,6 +88,7 @@ def axis_limits(config: RigConfig, actuator: Actuator) -> AxisLimits:
         1.0 - exp(-period_s / CURRENT_MEMORY_S),
         OVERCURRENT * config.limits.current_a,
         CURRENT_ERROR_A * config.limits.current_a / 6.0,
+        (CURRENT_RMS_A * config.limits.current_a / 6.0) ** 2,
         actuator.mode == "torque",
         s.supply_min_v,
         s.supply_max_v,
@@ -124,9 +128,10 @@ class AxisState(NamedTuple):
     """Sequence of the newest resolver frame of all."""
     drive: DriveSample | None
     """Newest good status: what the law may use."""
+    current_power_a2: float
 
 
-START = AxisState(NO_RESOLVER, 0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, -1, 0.0, 0.0, 0, 0, 0, 0, -1, None)
+START = AxisState(NO_RESOLVER, 0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, -1, 0.0, 0.0, 0, 0, 0, 0, -1, None, 0.0)
 
 
 class Told(NamedTuple):
@@ -145,7 +150,7 @@ def step(
     """One cycle."""
     (
         good, motion, known, bad, noise, idle, follow, gap, drive_seq, drive_gap, current_error,
-        converter_since, state_since, over_since, supply_since, last_seq, good_drive,
+        converter_since, state_since, over_since, supply_since, last_seq, good_drive, power,
     ) = s  # fmt: skip
     stamp, seq, counts, status = resolver
     told_speed, told_current, told_on, settled = told
@@ -212,10 +217,12 @@ def step(
             fault = fault or _NOT_FINITE
         else:
             good_drive = drive
-            if p.torque_mode and told_on and settled and d_on:
-                current_error += p.current_share * (current - told_current - current_error)
-            else:
-                current_error = 0.0
+            if not (p.torque_mode and told_on and settled):
+                current_error = power = 0.0
+            elif d_on:
+                away = current - told_current
+                current_error += p.current_share * (away - current_error)
+                power += p.current_share * (away * away - power)
     else:
         drive_gap += dt
         if d_seq >= 0 and drive_gap > p.density_s:
@@ -236,7 +243,7 @@ def step(
             fault = fault or _OVERCURRENT
     else:
         over_since = 0
-    if current_error > p.current_error_a or -current_error > p.current_error_a:
+    if current_error > p.current_error_a or -current_error > p.current_error_a or power > p.current_power_a2:
         fault = fault or _CURRENT
     if bus_v < p.supply_min_v or bus_v > p.supply_max_v:
         supply_since = supply_since or now_ns or 1
@@ -248,7 +255,7 @@ def step(
         AxisState,
         (
             good, motion, known, bad, noise, idle, follow, gap, drive_seq, drive_gap, current_error,
-            converter_since, state_since, over_since, supply_since, last_seq, good_drive,
+            converter_since, state_since, over_since, supply_since, last_seq, good_drive, power,
         ),
     )  # fmt: skip
 

@@ -29,6 +29,8 @@ DENSITY_SHARE = 0.15
 ATTITUDE_STUCK = 5
 """Attitudes are coarser than rates: so many times more frames may be equal."""
 OVERDUE_PERIODS = 1.5
+LATE_CYCLES = 4
+"""Slack of the estimator's memory of joint angles."""
 
 _STALE, _INVALID, _RANGE, _GYRO = BY_ID["imu-stale"], BY_ID["imu-invalid"], BY_ID["imu-range"], BY_ID["imu-gyro"]
 _NOISE, _STUCK, _DENSITY = BY_ID["imu-noise"], BY_ID["imu-stuck"], BY_ID["imu-density"]
@@ -42,6 +44,8 @@ class ImuLimits:
     stale_ns: int
     """Normal age and what the loop may coast."""
     overdue_ns: int
+    late_ns: int
+    """A frame older than this when it arrives is of no use: the joint angles of its time are forgotten."""
     stuck_frames: int
     """Equal gyro frames in a row that count as stuck; 0 switches that off."""
     density_s: float
@@ -54,6 +58,7 @@ def imu_limits(config: RigConfig) -> ImuLimits:
     return ImuLimits(
         round((config.imu.delay_ms + period_ms + s.imu_timeout_ms) * 1e6),
         round((config.imu.delay_ms + OVERDUE_PERIODS * period_ms) * 1e6),
+        round((config.imu.delay_ms + period_ms) * 1e6) + round(LATE_CYCLES * 1e9 / config.rate_hz),
         s.imu_stuck_frames,
         _DENSITY.debounce_ms * 1e-3,
     )
@@ -123,6 +128,8 @@ def _form(frame: ImuSample, last_seq: int, good: ImuSample, now_ns: int) -> Faul
 def _take(s: ImuState, p: ImuLimits, frame: ImuSample, now_ns: int) -> tuple[Fault | None, ImuState]:
     """One new frame. The fault is one that does not wait for the coasting to end."""
     wrong = _form(frame, s.seq, s.good, now_ns)
+    if wrong is None and now_ns - frame.stamp_ns > p.late_ns:
+        wrong = _DENSITY
     if wrong is not None:
         # a unit that has restarted counts from zero: once the coasting is over its frames are judged afresh
         seq = s.seq if frame.seq > s.seq or now_ns - s.good.stamp_ns <= p.stale_ns else frame.seq

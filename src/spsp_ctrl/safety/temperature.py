@@ -53,7 +53,7 @@ START = TemperatureState(NO_TEMPERATURE, -1, None, 0, 0, 0)
 def _sample(s: TemperatureState, p: TemperatureLimits, t: TemperatureSample, now_ns: int) -> TemperatureState:
     new = (t.screw_pitch_c, t.screw_roll_c, t.column_c, t.frame_c)
     old = (s.good.screw_pitch_c, s.good.screw_roll_c, s.good.column_c, s.good.frame_c)
-    possible = isfinite(sum(new)) and LOW_C <= min(new) and max(new) <= HIGH_C
+    possible = isfinite(sum(new)) and min(new) >= LOW_C and max(new) <= HIGH_C
     smooth = s.good.seq < 0 or s.bad >= SETTLE or max(abs(a - b) for a, b in zip(new, old, strict=True)) <= JUMP_K
     if not (possible and smooth):
         return s._replace(seq=t.seq, fault=_JUMP, bad=s.bad + 1)
