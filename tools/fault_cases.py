@@ -1,7 +1,7 @@
 """The cases of the fault matrix: every signal, every kind, in ALIGNING and ACTIVE. Each says when its fault can be seen at all.
 
-A deviation is what arrives less what the rig sent. A fault counts as observable from the cycle on in which the deviation, seen through the same memory as
-the judge's, passes the size that the fault table states. What stays below that size is not a fault but an error, and is shown harmless.
+A deviation is what arrives less what the rig sent. A fault counts as observable from the cycle on in which the deviation, seen through the same
+memory as the judge's, passes the size that the fault table states. What stays below that size is not a fault but an error, and is shown harmless.
 """
 
 from __future__ import annotations
@@ -142,10 +142,11 @@ WORDS: dict[str, str] = {
     "imu.pitch": "attitude off by 20 arcmin", "imu.roll": "attitude off by 20 arcmin", "imu.yaw": "attitude off by 20 arcmin",
     "imu.gyro": "rate error integrates to 20 arcmin within 0.5 s",
     "resolver.status": "at once", "resolver": "angle off by 140 counts (3 deg of the motor, 11 um of the rod)",
-    "drive": "at once", "drive.current": "mean over 20 ms off by 0.75 A", "drive.supply": "outside 18 to 30 V", "drive.enabled": "status and command differ",
+    "drive": "at once",
+    "drive.current": "mean over 20 ms off by 0.75 A", "drive.supply": "outside 18 to 30 V", "drive.enabled": "status and command differ",
     "azimuth": "count off by 0.5 deg", "switch": "the switch shows another state (zero switch: 3 deg from zero)",
     "temperature": "off by 3 K", "base": "never: logged, not read by the law",
-    "command.pitch": "mean over 20 ms off by 0.75 A", "command.roll": "mean over 20 ms off by 0.75 A", "command.azimuth": "travel off by 0.5 deg within 1 s",
+    "command": "mean over 20 ms off by 0.75 A", "command.azimuth": "travel off by 0.5 deg within 1 s",
 }  # fmt: skip
 
 Judgement = Callable[[Case], str]

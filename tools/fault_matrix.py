@@ -1,7 +1,7 @@
 """Measure the fault matrix in lock-step: every signal x every kind x {ALIGNING, ACTIVE}, cause to safe command, and write it into ``docs/faults.md``.
 
-``python -m tools.fault_matrix`` runs all and prints what misses; ``--only imu`` a part, ``--write`` puts the table into the page. Each case starts from
-the same moment of the same run (a fork of the process), so that it costs seconds of simulated time and not a start-up.
+``python -m tools.fault_matrix`` runs all and prints what misses; ``--only imu`` a part, ``--write`` keeps the table for the page. Each case starts
+from the same moment of the same run (a fork of the process), so that it costs seconds of simulated time and not a start-up.
 """
 
 from __future__ import annotations

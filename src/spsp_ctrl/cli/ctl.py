@@ -25,7 +25,8 @@ VERBS = ("arm", "disarm", "stop", "reset", "home", "present", "heading", "turn",
 def ctl(verb: str, arguments: tuple[str, ...], folder: Path | None, rate: float, as_json: bool) -> None:
     """Ask a running session (`run --ctl`) for something: arm, disarm, stop, reset, home, heading DEG, turn DEG, target DEG, jog AXIS [DEG].
 
-    The request is judged by the run, stamped, logged on /operator and replayed with it. AXIS is pitch, roll or azimuth; a jog without an angle is 0.5 deg.
+    The request is judged by the run, stamped, logged on /operator and replayed with it. AXIS is pitch, roll or azimuth; a jog without an
+    angle is 0.5 deg.
     Exit code 2: no run listens, or it refused the request.
     """
     from spsp_ctrl.runtime.operator import SOCKET_NAME, ask

@@ -77,14 +77,15 @@ class Injection(Strict):
     signal: SignalName
     """Which signal: a whole frame (`imu`), one channel of it (`imu.pitch`), or a command on its way to the rig (`command.pitch`)."""
     kind: Kind
-    """`off`: no frames (a channel reads 0); `stuck`: repeats its last value; `garbage`: impossible numbers; `wrong`: offset by `size`; `slow`: only every
-    `every`-th value; `delayed`: by `delay_ms`; `intermittent`: off for `off_ms`, then good for `on_ms`; `noisy`: noise of `size` rms."""
+    """`off`: no frames (a channel reads 0); `stuck`: repeats its last value; `garbage`: impossible numbers; `wrong`: offset by `size`;
+    `slow`: only every `every`-th value; `delayed`: by `delay_ms`; `intermittent`: off for `off_ms`, then good for `on_ms`; `noisy`: noise of
+    `size` rms."""
     at_s: float = Field(ge=0.0, le=86_400.0)
     """When it begins."""
     duration_s: float = Field(default=3600.0, gt=0.0, le=86_400.0)
     """For how long."""
     size: float | None = Field(default=None, ge=-1e9, le=1e9)
-    """Of `wrong` and `noisy`, in the unit of the signal (degrees, degrees per second, counts, A, V, degC, microsteps); a size that matters when absent."""
+    """Of `wrong` and `noisy`, in the unit of the signal (deg, deg/s, counts, A, V, degC, microsteps); a size that matters when absent."""
     every: int | None = Field(default=None, ge=2, le=1000)
     """Of `slow`."""
     delay_ms: float | None = Field(default=None, ge=1.0, le=5000.0)

@@ -1,8 +1,9 @@
 """Homing of azimuth: the middle of the zero switch's vane, sought between the travel switches. A pure step.
 
-Slowly towards one side until the vane or a travel switch; at a switch, turn and search the other way. Through the vane, the counts of its two edges are
-noted, their middle is zero. Edges are taken halfway between two frames of the stepper; both are passed in the same direction, so their lateness cancels
-to the half width only, and play of the gear lies on the same flank.
+Slowly towards one side until the vane or a travel switch; at a switch, turn and search the other way. Through the vane, the counts of its two
+edges are noted, their middle is zero. Edges are taken halfway between two frames of the stepper, and
+both are passed in the same direction, so that the play
+of the gear lies on the same flank.
 """
 
 from __future__ import annotations

@@ -37,7 +37,10 @@ class ReferenceSource:
     Raises ``ValueError`` for a limit that is not positive.
     """
 
-    __slots__ = ("_heading", "_jog_pitch", "_jog_roll", "_kind", "_line", "_pitch", "_pitch_rad", "_ramp_s", "_roll", "_roll_rad", "_stairs", "_start_s", "until_s")
+    __slots__ = (
+        "_heading", "_jog_pitch", "_jog_roll", "_kind", "_line",
+        "_pitch", "_pitch_rad", "_ramp_s", "_roll", "_roll_rad", "_stairs", "_start_s", "until_s",
+    )  # fmt: skip
 
     until_s: float
     """When a streamed heading is too old to be followed on; infinity without a stream."""

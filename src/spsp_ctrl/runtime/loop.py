@@ -105,8 +105,8 @@ def run_loop(
 ) -> LoopResult:
     """Run until ``duration_ns`` of control time has passed, then stop under control. Every exception ends in ``rig.stop()``.
 
-    After the duration (or an interrupt) the platform is braked and disabled before the loop returns. ``outside`` is asked as often as the operator for
-    the number of a fault that no measurement shows (0: none); it enters as a request, so that the log has it and a replay too.
+    After the duration (or an interrupt) the platform is braked and disabled before the loop returns. ``outside`` is asked as often as the operator
+    for the number of a fault that no measurement shows (0: none); it enters as a request, so that the log has it and a replay too.
     """
     period_ns = round(1e9 / rate_hz)
     operator_every = max(1, rate_hz // OPERATOR_HZ)

@@ -1,7 +1,8 @@
 """Judge resolver and drive of one actuator, before anything uses them. A pure step.
 
-A resolver angle is only believed when its converter is content and the motor could have got there; otherwise the last motion is carried on for at most
-``coast`` samples. Commanded and measured travel are held against each other in a leaky sum, the measured current against the command of that cycle.
+A resolver angle is only believed when its converter is content and the motor could have got there; otherwise the last motion is carried on for at
+most ``coast`` samples. Commanded and measured travel are held against each other in a leaky sum, the measured current against the
+command of that cycle.
 """
 
 from __future__ import annotations

@@ -63,10 +63,7 @@ START = ConsistencyState(0.0, 0)
 
 def _cramped(rod_m: float, speed_m_s: float, p: ConsistencyLimits) -> bool:
     """Whether the rod is past its end and going on, or will be."""
-    if speed_m_s > 0.0:
-        room = p.high_m + STOP_M - rod_m
-    else:
-        room = rod_m - p.low_m + STOP_M
+    room = (p.high_m - rod_m if speed_m_s > 0.0 else rod_m - p.low_m) + STOP_M
     return speed_m_s * speed_m_s > p.twice_accel_m_s2 * room if room > 0.0 else speed_m_s != 0.0
 
 

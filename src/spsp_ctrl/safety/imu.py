@@ -1,7 +1,7 @@
 """Judge the IMU, frame by frame, before anything uses it. A pure step.
 
-A bad frame never replaces a good one: it is dropped and the loop coasts, until the newest good frame is too old. The fault then carries the reason why
-frames were dropped. Attitude and integrated gyro, two ways to the same motion, are held against each other in a leaky sum.
+A bad frame never replaces a good one: it is dropped and the loop coasts, until the newest good frame is too old. The fault then carries the reason
+why frames were dropped. Attitude and integrated gyro, two ways to the same motion, are held against each other in a leaky sum.
 """
 
 from __future__ import annotations
@@ -87,9 +87,11 @@ class ImuState(NamedTuple):
     overdue_s: float
     still: tuple[int, int, int, int, int, int]
     """The same for each channel: attitude, then gyro."""
+    fault: Fault | None
+    """What the newest frame has shown; it holds until the next."""
 
 
-START = ImuState(NO_IMU, -1, None, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0, (0, 0, 0, 0, 0, 0))
+START = ImuState(NO_IMU, -1, None, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0, (0, 0, 0, 0, 0, 0), None)
 
 
 def _turned(angle: float) -> float:
@@ -125,25 +127,25 @@ def _form(frame: ImuSample, last_seq: int, good: ImuSample, now_ns: int) -> Faul
     return None
 
 
-def _take(s: ImuState, p: ImuLimits, frame: ImuSample, now_ns: int) -> tuple[Fault | None, ImuState]:
-    """One new frame. The fault is one that does not wait for the coasting to end."""
+def _take(s: ImuState, p: ImuLimits, frame: ImuSample, now_ns: int) -> ImuState:
+    """One new frame."""
     wrong = _form(frame, s.seq, s.good, now_ns)
     if wrong is None and now_ns - frame.stamp_ns > p.late_ns:
         wrong = _DENSITY
     if wrong is not None:
         # a unit that has restarted counts from zero: once the coasting is over its frames are judged afresh
         seq = s.seq if frame.seq > s.seq or now_ns - s.good.stamp_ns <= p.stale_ns else frame.seq
-        return None, s._replace(seq=max(seq, frame.seq) if frame.seq > s.seq else seq, why=wrong)
+        return s._replace(seq=max(seq, frame.seq) if frame.seq > s.seq else seq, why=wrong)
     good = s.good
     if good.seq < 0 or now_ns - good.stamp_ns > p.stale_ns:
-        return None, START._replace(good=frame, seq=frame.seq, overdue_s=s.overdue_s)
+        return START._replace(good=frame, seq=frame.seq, overdue_s=s.overdue_s)
     dt = (frame.stamp_ns - good.stamp_ns) * 1e-9
     keep = exp(-dt / PART_MEMORY_S)
     d_roll, d_pitch, d_yaw = _against_gyro(good, frame, dt)
     part_roll, part_pitch, part_yaw = s.part_roll * keep + d_roll, s.part_pitch * keep + d_pitch, s.part_yaw * keep + d_yaw
     if abs(part_roll) > PART_RAD or abs(part_pitch) > PART_RAD or abs(part_yaw) > PART_RAD:
         # from here on nobody knows which of the two is right
-        return None, s._replace(seq=frame.seq, why=_GYRO)
+        return s._replace(seq=frame.seq, why=_GYRO)
     share = 1.0 - exp(-dt / NOISE_MEMORY_S)
     noise = s.noise_rad2 + share * (d_roll * d_roll + d_pitch * d_pitch + d_yaw * d_yaw - s.noise_rad2)
     step_x, step_y, step_z = frame.gyro_x_rad_s - good.gyro_x_rad_s, frame.gyro_y_rad_s - good.gyro_y_rad_s, frame.gyro_z_rad_s - good.gyro_z_rad_s
@@ -159,21 +161,21 @@ def _take(s: ImuState, p: ImuLimits, frame: ImuSample, now_ns: int) -> tuple[Fau
         f + 1 if step_z == 0.0 else 0,
     )
     same_attitude, same_gyro = max(still[:3]), max(still[3:])
-    fault = None
+    fault: Fault | None = None
     if p.stuck_frames and (same_gyro >= p.stuck_frames or same_attitude >= ATTITUDE_STUCK * p.stuck_frames):
         fault = _STUCK
     elif noise > NOISE_RAD * NOISE_RAD or gyro > GYRO_STEP_RAD_S * GYRO_STEP_RAD_S:
         fault = _NOISE
-    return fault, ImuState(
-        frame, frame.seq, None, part_roll, part_pitch, part_yaw, noise, gyro, step_x, step_y, step_z, same_gyro, same_attitude, s.overdue_s, still
+    return ImuState(
+        frame, frame.seq, None, part_roll, part_pitch, part_yaw, noise, gyro, step_x, step_y, step_z, same_gyro, same_attitude, s.overdue_s, still, fault
     )
 
 
 def step(s: ImuState, p: ImuLimits, frame: ImuSample, now_ns: int, dt: float) -> tuple[Fault | None, ImuState]:
     """One cycle with the newest frame that the rig has. What the law may use is ``state.good``."""
-    fault: Fault | None = None
     if frame[2] != s[1] and frame[2] >= 0:
-        fault, s = _take(s, p, frame, now_ns)
+        s = _take(s, p, frame, now_ns)
+    fault = s[15]
     age = now_ns - s[0][0]
     overdue = s[13]
     if age > p.overdue_ns:

@@ -94,8 +94,9 @@ def step(
 ) -> SupervisorState:
     """One cycle: faults first, then requests, then progress.
 
-    ``fault`` is the gravest of this cycle, ``tilt_error_rad`` the larger of the two attitude (or joint) errors, ``rod_speed_m_s`` the largest demanded
-    speed (zero means that braking is done), ``verbs`` what was asked for in this cycle (``present``: the operator is there), ``homing`` how far homing is.
+    ``fault`` is the gravest of this cycle, ``tilt_error_rad`` the larger of the two attitude (or joint) errors, ``rod_speed_m_s`` the largest
+    demanded speed (zero means that braking is done), ``verbs`` what was asked for in this cycle (``present``: the operator is there), ``homing`` how
+    far homing is.
     """
     mode, in_mode, held, latched, armed_once, homed, absent = state
     in_mode += dt
