@@ -130,9 +130,11 @@ class AxisState(NamedTuple):
     drive: DriveSample | None
     """Newest good status: what the law may use."""
     current_power_a2: float
+    doubted: int
+    """Of the angles carried on, those that came and were not believed: they give the motor no more time to get there."""
 
 
-START = AxisState(NO_RESOLVER, 0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, -1, 0.0, 0.0, 0, 0, 0, 0, -1, None, 0.0)
+START = AxisState(NO_RESOLVER, 0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, -1, 0.0, 0.0, 0, 0, 0, 0, -1, None, 0.0, 0)
 
 
 class Told(NamedTuple):
@@ -151,7 +153,7 @@ def step(
     """One cycle."""
     (
         good, motion, known, bad, noise, idle, follow, gap, drive_seq, drive_gap, current_error,
-        converter_since, state_since, over_since, supply_since, last_seq, good_drive, power,
+        converter_since, state_since, over_since, supply_since, last_seq, good_drive, power, doubted,
     ) = s  # fmt: skip
     stamp, seq, counts, status = resolver
     told_speed, told_current, told_on, settled = told
@@ -166,10 +168,11 @@ def step(
     if fresh and not status:
         n = (stamp - good[0]) * p.per_ns
         off = counts - old_counts - n * motion
-        if known < 2 or (n > 0.0 and abs(off) <= p.jump_counts + p.jump_counts_cycle2 * n * n):
+        free = n - doubted
+        if known < 2 or (n > 0.0 and abs(off) <= p.jump_counts + p.jump_counts_cycle2 * free * free):
             believed = True
-            if known >= 2:
-                noise += p.noise_share * (off * off / (n * n) - noise)
+            if known >= 2 and not bad:
+                noise += p.noise_share * (off * off - noise)
     if status:
         converter_since = converter_since or now_ns or 1
         if now_ns - converter_since >= p.converter_ns:
@@ -180,19 +183,20 @@ def step(
     if believed:
         now_step = (counts - old_counts) / n if known and n > 0.0 else 0.0
         idle = idle + abs(told_speed) * dt if counts == old_counts else 0.0
-        good, motion, known, bad, last_seq = resolver, now_step, min(2, known + 1), 0, seq
+        good, motion, known, bad, doubted, last_seq = resolver, now_step, min(2, known + 1), 0, 0, seq
         gap = gap - drop if gap > drop else 0.0
     else:
         bad += 1
         gap += dt
         if seq > last_seq:
             last_seq = seq
+            doubted += 1
         if bad > p.coast and fault is None:
             # missing frames are stale, frames that came and were not believed have jumped
             fault = (_R_FAULT if status else _R_JUMP) if fresh else _R_STALE
         if bad > p.coast and fresh and not status:
             # it stays there: a rig at rest is judged anew from here on
-            good, motion, known, bad = resolver, 0.0, 1, 0
+            good, motion, known, bad, doubted = resolver, 0.0, 1, 0, 0
     if now_ns - stamp > p.stale_ns or seq < 0:
         fault = fault or _R_STALE
     if fault is None:
@@ -256,7 +260,7 @@ def step(
         AxisState,
         (
             good, motion, known, bad, noise, idle, follow, gap, drive_seq, drive_gap, current_error,
-            converter_since, state_since, over_since, supply_since, last_seq, good_drive, power,
+            converter_since, state_since, over_since, supply_since, last_seq, good_drive, power, doubted,
         ),
     )  # fmt: skip
 
