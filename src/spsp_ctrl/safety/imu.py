@@ -178,7 +178,7 @@ def step(s: ImuState, p: ImuLimits, frame: ImuSample, now_ns: int, dt: float) ->
     fault = s[15]
     age = now_ns - s[0][0]
     overdue = s[13]
-    if age > p.overdue_ns:
+    if age > p.overdue_ns or s[0][2] < 0:
         overdue += dt
         s = s._replace(overdue_s=overdue)
         if s.good.seq < 0 or age > p.stale_ns:
