@@ -78,12 +78,6 @@ WORKING: dict[str, tuple[str, str]] = {
     "mcz": ("kg m", "likewise"),
 }
 
-REACTIONS: dict[str, str] = {
-    "WARNING": "Say it in the log and to the operator; the run goes on.",
-    "SLOW_STOP": "Brake to standstill under control, then disable.",
-    "FREE": "Disable at once: what would be needed to brake can no longer be trusted.",
-}
-
 EXIT_WORDS: dict[int, str] = {
     0: "done",
     1: "an acceptance row failed (`run --strict`), or a replay differs",

@@ -6,7 +6,6 @@ memory as the judge's, passes the size that the fault table states. What stays b
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp, isfinite, radians
 from typing import Any
@@ -149,4 +148,25 @@ WORDS: dict[str, str] = {
     "command": "mean over 20 ms off by 0.75 A", "command.azimuth": "travel off by 0.5 deg within 1 s",
 }  # fmt: skip
 
-Judgement = Callable[[Case], str]
+UNSEEN: tuple[tuple[str, str, str, str], ...] = (
+    ("IMU attitude off by less than 20 arcmin, or drifting slower than the leak of the comparison with the gyro (40 arcmin/s)",
+     "the carrier's tilt is measured by nobody: a bias of the IMU looks like a tilted carrier",
+     "the platform stands off by as much", "encoders of the swing table (on a vehicle: a second IMU on the carrier)"),
+    ("gyro bias below 40 arcmin/s", "below the same leak", "costs the base observer up to 1 arcmin, no more (attitude corrects it)", "a second IMU"),
+    ("a coupling that creeps: resolver off by less than 140 counts at a time", "looks like a slow tilt of the carrier in the base observer",
+     "none in attitude (closed on the IMU); the stroke is off by as much", "a linear scale on the rod"),
+    ("play or a loose hinge behind the rod", "behind the resolver, before the IMU: looks like motion of the carrier", "adds to the attitude error, seen by the IMU",
+     "a linear scale on the rod"),
+    ("lost azimuth steps that creep (below 0.2 deg within 0.1 s), between two passes of zero", "the stepper counts what it was told",
+     "none in heading (closed on the IMU); travel limits are off by as much", "an encoder on the azimuth axis"),
+    ("a travel switch that never closes", "azimuth does not get there: the law keeps to its travel by the count", "none while the count is right",
+     "normally-closed contacts, or a second channel"),
+    ("the zero switch dead while azimuth does not pass zero", "no edge is expected", "none", "a second vane, or an encoder"),
+    ("a temperature that is stuck, or off by less than 3 K", "screws change by fractions of a kelvin per second at most",
+     "2.9 um of rod per kelvin: 0.1 arcmin of attitude, and that only where it is closed on the resolvers", "a second sensor at each screw"),
+    ("a supply reading that is stuck within its range", "it is constant in health too", "none: the law does not use it", "the supply's own monitor"),
+    ("a current reading off by less than 0.75 A", "less than what supply and load may explain", "the motor observer explains it as a disturbance",
+     "a second current sensor"),
+    ("any fault of the base encoders", "logged for diagnosis, never read by the law", "none", "the IMU, offline: `spsp-ctrl diagnose`"),
+)  # fmt: skip
+"""Fault, why nobody sees it, what it does meanwhile, the sensor that would."""

@@ -39,9 +39,6 @@ HARMLESS_ARCMIN = 60.0
 """Bound of the attitude error that a fault may cause while nobody can see it (and until it is safe)."""
 HARMLESS_HEADING_DEG = 3.0
 
-UNSEEN: dict[str, str] = {}
-
-
 @dataclass
 class Row:
     """Outcome of a case."""
@@ -256,7 +253,7 @@ def main(only: str, write: bool, as_json: bool) -> None:
             print(f"\r{done}/{total}", end="", file=sys.stderr)
 
     rows = run(wanted, say=say)
-    missed = [row for row in rows if row.outcome == "missed" and f"{row.signal}/{row.kind}" not in UNSEEN]
+    missed = [row for row in rows if row.outcome == "missed"]
     if as_json:
         print(json.dumps([asdict(row) for row in rows], indent=1))
     else:

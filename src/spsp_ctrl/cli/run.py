@@ -142,12 +142,28 @@ def _watch(plan: Plan, fast: bool, quiet: bool) -> Iterator[Watcher | None]:
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--config", "-c", type=click.Path(path_type=Path), help="Rig file to use instead of the recorded one.")
 @OVERRIDE
+@click.option("--faults", type=click.Path(path_type=Path), metavar="FILE", help="Hurt the recorded signals by the `faults:` of this scenario file.")
 @JSON
 @guarded
-def replay(log: Path, config: Path | None, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Feed the recorded inputs of a run to the law again and compare its commands bit for bit."""
-    from spsp_ctrl.experiments.replaying import replay_log
+def replay(log: Path, config: Path | None, overrides: tuple[str, ...], faults: Path | None, as_json: bool) -> None:
+    """Feed the recorded inputs of a run to the law again and compare its commands bit for bit.
 
+    With --faults the recorded signals are hurt first, and what is shown is the fault that the controller names (exit code 3) or that none stopped it.
+    """
+    from spsp_ctrl.experiments.replaying import replay_faulted, replay_log
+
+    if faults is not None:
+        if config is not None or overrides:
+            raise click.UsageError("--faults plays the log to the controller that recorded it; leave out --config and --set")
+        with bar("replaying", as_json) as advance:
+            hurt = replay_faulted(log, faults, advance)
+        if as_json:
+            click.echo(json.dumps(hurt.to_dict(), indent=2))
+        else:
+            said = f"; said meanwhile: {', '.join(hurt.notes)}" if hurt.notes else ""
+            what = f"{hurt.fault} at {hurt.time_s:.3f} s, then {hurt.mode}" if hurt.fault else f"no fault stopped it in {hurt.time_s:.3f} s"
+            click.echo(what + said)
+        raise SystemExit(EXIT_RIG if hurt.fault else 0)
     with bar("replaying", as_json) as advance:
         result = replay_log(log, config, overrides, advance)
     if as_json:

@@ -11,7 +11,7 @@ from math import isfinite
 from typing import NamedTuple
 
 from spsp_ctrl.config.rig import RigConfig
-from spsp_ctrl.messages import Command, Estimate, Measurement
+from spsp_ctrl.messages import NO_DRIVE, Command, Estimate, Measurement
 from spsp_ctrl.safety import axis, azimuth, consistency, imu, temperature
 from spsp_ctrl.safety.axis import AxisLimits, AxisState, Told, axis_limits, used_resolver
 from spsp_ctrl.safety.azimuth import AzimuthLimits, AzimuthState, azimuth_limits
@@ -144,9 +144,9 @@ def judge(s: JudgeState, p: JudgeLimits, m: Measurement, homed: bool, now_ns: in
             s_imu[0],
             used_resolver(s_pitch, p.pitch, now_ns),
             used_resolver(s_roll, p.roll, now_ns),
-            s_pitch[16] or drive1,
-            s_roll[16] or drive2,
-            s_azimuth[0] if s_azimuth[1] >= 0 else stepper,
+            s_pitch[16] or NO_DRIVE,
+            s_roll[16] or NO_DRIVE,
+            s_azimuth[0],
             s_temperature[0],
             base,
         ),
