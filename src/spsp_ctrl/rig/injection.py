@@ -35,7 +35,7 @@ class Fault:
         self._end_ns = self._begin_ns + round(injection.duration_s * 1e9)
         self._past: deque[tuple[int, Any]] = deque(maxlen=HISTORY)
         self._held: Any = None
-        self._seen_seq = -1
+        self._seen_seq: int | None = None
         self._out: Any = None
         self._count = 0
 

@@ -1,0 +1,52 @@
+"""The fault matrix: a stratified part of it in lock-step here, all of it with ``-m matrix``; the committed table is whole and has no miss."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from spsp_ctrl.safety.faults import BY_ID
+from tools import fault_matrix
+from tools.fault_cases import Case, cases
+
+PART = {
+    "ALIGNING": ("imu/off", "imu.gyro_y/wrong", "resolver_pitch/garbage", "drive_roll/wrong", "command.roll/off"),
+    "ACTIVE": (
+        "imu/stuck", "imu.pitch/wrong", "imu.roll/noisy", "imu/delayed", "resolver_pitch/stuck", "resolver_roll/intermittent",
+        "drive_pitch.current/wrong", "drive_roll.supply/wrong", "drive_pitch.enabled/wrong", "azimuth/off", "azimuth.left_switch/wrong",
+        "temperature.screw_roll/wrong", "base/garbage", "command.pitch/stuck",
+    ),
+}  # fmt: skip
+
+
+def chosen() -> list[Case]:
+    return [case for case in cases() if f"{case.signal.name}/{case.kind}" in PART[case.mode]]
+
+
+def test_a_stratified_part() -> None:
+    rows = fault_matrix.run(chosen(), horizon_s=0.6)
+    assert len(rows) == sum(map(len, PART.values()))
+    assert [row for row in rows if row.outcome == "missed"] == []
+    assert {row.outcome for row in rows} == {"detected", "noted", "harmless"}
+    assert {row.fault for row in rows} >= {"imu-stale", "imu-stuck", "imu-gyro", "resolver-jump", "drive-fault", "current-error", "supply"}
+
+
+@pytest.mark.matrix
+def test_the_whole_matrix() -> None:
+    rows = fault_matrix.run(cases())
+    assert [row for row in rows if row.outcome == "missed"] == []
+
+
+def test_the_committed_table_is_whole_and_within_its_limits() -> None:
+    rows = json.loads(fault_matrix.RESULTS.read_text(encoding="utf-8"))
+    assert [(r["signal"], r["kind"], r["mode"]) for r in rows] == [
+        (c.signal.name, c.kind, c.mode) for mode in ("ALIGNING", "ACTIVE") for c in cases() if c.mode == mode
+    ]
+    assert len(rows) > 300
+    for row in rows:
+        assert row["outcome"] in ("detected", "noted", "harmless"), row
+        if row["outcome"] != "harmless":
+            assert row["safe_ms"] <= BY_ID[row["fault"]].limit_ms == row["limit_ms"], row
+        assert row["error_arcmin"] <= fault_matrix.HARMLESS_ARCMIN
+        assert row["heading_deg"] <= fault_matrix.HARMLESS_HEADING_DEG
