@@ -304,7 +304,8 @@ def fault_matrix() -> str:
         fault = f"`{r['fault']}`" if r["fault"] else ""
         error = (f"{r['error_arcmin']:.2f}", f"{r['heading_deg']:.2f}")
         rows.append((r["signal"], r["kind"], r["mode"], r["outcome"], fault, r["condition"], seen, safe, limit, *error))
-    head = ("signal", "kind", "mode", "outcome", "named", "observable when", "observable after, ms", "then safe in, ms", "limit, ms", "error, arcmin", "heading, deg")
+    head = ("signal", "kind", "mode", "outcome", "named", "observable when", "observable after, ms", "then safe in, ms", "limit, ms")
+    head = (*head, "error, arcmin", "heading, deg")
     return table(head, rows)
 
 

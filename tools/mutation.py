@@ -1,7 +1,8 @@
 """Mutation testing of ``safety/`` and ``control/limits.py``: does a test fail when the code is changed?
 
-``python -m tools.mutation`` makes one small change at a time (an operator, a comparison, a number, a condition) and runs the tests of these modules
-in a fork of this process. A mutant that no test notices has survived; survivors are printed with their line. What is text in the fault table is left out.
+``python -m tools.mutation`` makes one small change at a time (an operator, a comparison, a number, a condition) and runs the tests of these
+modules in a fork of this process. A mutant that no test notices has survived; survivors are printed with their line. What is text in the fault table is
+left out.
 ``--share 0.3`` takes a part, the same for the same seed.
 """
 
@@ -98,7 +99,8 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, str, object]]:
         yield "test", "condition -> True", ast.Constant(True)
         yield "test", "condition -> False", ast.Constant(False)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("min", "max"):
-        yield "func", f"{node.func.id} -> {'max' if node.func.id == 'min' else 'min'}", ast.Name("max" if node.func.id == "min" else "min", ast.Load())
+        other = "max" if node.func.id == "min" else "min"
+        yield "func", f"{node.func.id} -> {other}", ast.Name(other, ast.Load())
 
 
 def mutants(file: str) -> Iterator[Mutant]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from pydantic import ValidationError
+from tests.rig_contract import Factory, contract
 
 from spsp_ctrl.config.injection import Injection
 from spsp_ctrl.config.loader import load_rig, load_scenario
@@ -29,7 +30,6 @@ from spsp_ctrl.rig.base import Rig, RigIdentity
 from spsp_ctrl.rig.injection import InjectedRig
 from spsp_ctrl.rig.signals import BY_NAME, KINDS, SIGNALS
 from spsp_ctrl.rig.simulated import SimulatedRig
-from tests.rig_contract import Factory, contract
 
 CONFIG = Path(__file__).parents[2] / "config"
 MS = 1_000_000
@@ -171,7 +171,8 @@ def test_commands_on_their_way() -> None:
 
 
 def test_a_row_that_makes_no_sense_is_refused() -> None:
-    for row in ({"kind": "off", "size": 1.0}, {"kind": "noisy", "every": 3}, {"kind": "wrong", "delay_ms": 5.0}, {"kind": "loud"}, {"signal": "imu.w"}):
+    wrong = ({"kind": "off", "size": 1.0}, {"kind": "noisy", "every": 3}, {"kind": "wrong", "delay_ms": 5.0}, {"kind": "loud"}, {"signal": "imu.w"})
+    for row in wrong:
         with pytest.raises(ValidationError):
             Injection.model_validate({"signal": "imu", "kind": "off", "at_s": 1.0} | row)
 

@@ -23,6 +23,9 @@ def limits() -> AxisLimits:
     return axis_limits(RIG, RIG.pitch_actuator)
 
 
+RESTING = Told(0.0, 0.0, False, True)
+
+
 class Line:
     """One actuator whose samples are made by the test; every cycle 1 ms."""
 
@@ -32,7 +35,7 @@ class Line:
         self.k = start
         self.counts = 1000.0
 
-    def step(self, speed_counts: float = 0.0, *, told: Told = Told(0.0, 0.0, False, True), fault: str | None = None, **changes: object) -> None:
+    def step(self, speed_counts: float = 0.0, *, told: Told = RESTING, fault: str | None = None, **changes: object) -> None:
         now = self.k * MS
         self.counts += speed_counts
         resolver = ResolverSample(now, self.k, round(self.counts), 0)
@@ -250,7 +253,11 @@ def test_following_error_grows_with_speed() -> None:
 def test_noise_that_no_acceleration_explains() -> None:
     for size, named in ((20.0, False), (30.0, True)):
         line = Line()
-        cycles = line.until(400, lambda line=line, size=size: line.step(told=ON, resolver=lambda r: r._replace(counts=r.counts + round((size / 2.0) * (-1.0) ** r.seq))))
+
+        def shaken(r: ResolverSample, size: float = size) -> ResolverSample:
+            return r._replace(counts=r.counts + round((size / 2.0) * (-1.0) ** r.seq))
+
+        cycles = line.until(400, lambda line=line, shaken=shaken: line.step(told=ON, resolver=shaken))
         # the second difference of an alternation of +-a is 4 a
         assert (cycles > 0) == (2.0 * size > 25.0), (size, named)
     steps = Line()
@@ -295,7 +302,8 @@ def test_drive_stale_fault_code_and_state() -> None:
         other = Line(start=1)
         assert other.until(50, lambda other=other, told=told: other.step(told=told, drive=lambda d: d._replace(enabled=not told.enable))) == 21
         switching = Line()
-        assert switching.until(50, lambda s=switching, told=told: s.step(told=told._replace(settled=False), drive=lambda d: d._replace(enabled=not told.enable))) == -1
+        unsettled = told._replace(settled=False)
+        assert switching.until(50, lambda s=switching, t=unsettled: s.step(told=t, drive=lambda d: d._replace(enabled=not t.enable))) == -1
     again = Line(start=1)
     for _ in range(15):
         again.step(told=ON, drive=lambda d: d._replace(enabled=False))
@@ -313,7 +321,8 @@ def test_currents() -> None:
         cycles = off.until(200, lambda off=off, sign=sign: off.step(told=moving(0.0, 1.0), drive=lambda d: d._replace(current_a=1.0 + sign * 1.0)))
         assert cycles == 28  # 20 ms * ln(1 / 0.25)
         close = Line()
-        assert close.until(300, lambda close=close, sign=sign: close.step(told=moving(0.0, 1.0), drive=lambda d: d._replace(current_a=1.0 + sign * 0.74))) == -1
+        nearly = moving(0.0, 1.0)
+        assert close.until(300, lambda c=close, s=sign, t=nearly: c.step(told=t, drive=lambda d: d._replace(current_a=1.0 + s * 0.74))) == -1
     # disturbed without a mean
     rough = Line()
     assert rough.until(200, lambda: rough.step(told=ON, drive=lambda d: d._replace(current_a=2.0 * (-1.0) ** d.seq))) == 17  # 20 ms * ln(4 / 1.75)

@@ -278,10 +278,12 @@ def test_density_of_missing_frames() -> None:
     for _ in range(6000):
         assert one_in(unit, 8, 1) == ""
     slow = good()
-    for k in range(3000):
-        if one_in(slow, 4, 3):
-            break
-    assert slow.found == "imu-density"
+    k = 0
+    named = ""
+    while not named and k < 3000:
+        named = one_in(slow, 4, 3)
+        k += 1
+    assert named == "imu-density"
     assert 150 < k < 500
     late = good()
     named, ms = late.run(400, lambda f: f._replace(stamp_ns=f.stamp_ns - 30 * MS))

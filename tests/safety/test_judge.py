@@ -6,13 +6,13 @@ from math import inf, nan
 from pathlib import Path
 
 import pytest
+from tests.safety.toy import Toy
 
 from spsp_ctrl.config.loader import load_rig
 from spsp_ctrl.messages import NO_DRIVE, Command, Estimate, Measurement
 from spsp_ctrl.safety import judge as judging
 from spsp_ctrl.safety.faults import BY_ID, FAULTS, Reaction
 from spsp_ctrl.safety.judge import NOTHING, START, JudgeState, bits, gravest, hold_faults, judge, judge_limits
-from tests.safety.toy import Toy
 
 RIG = load_rig(Path(__file__).parents[2] / "config" / "rig.yaml").model
 MS, DT = 1_000_000, 1e-3

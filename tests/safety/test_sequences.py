@@ -1,4 +1,4 @@
-"""Random sequences of faults, requests and modes through the whole controller: its promises hold in every cycle. Short here, 10^5 with ``-m sequences``."""
+"""Random sequences of faults, requests and modes through the whole controller: its promises hold in every cycle. 10^5 with ``-m sequences``."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from random import Random
 from typing import Any
 
 import pytest
+from tests.safety.toy import CONFIG, CONTROLLER, DT, PERIOD_NS, P, moments, run
 
 from spsp_ctrl.messages import Command, Measurement, Mode, OperatorRequest
 from spsp_ctrl.runtime import cycle
-from spsp_ctrl.runtime.cycle import CycleState
 from spsp_ctrl.safety.faults import BY_NUMBER, FAULTS, Reaction
-from tests.safety.toy import CONFIG, CONTROLLER, DT, PERIOD_NS, P, Toy, moments, run
 
 MOMENTS = cache(moments)
 MOVING = (Mode.HOMING, Mode.ALIGNING, Mode.ACTIVE, Mode.STOPPING)
@@ -163,4 +162,3 @@ def test_rearmed_after_a_push_by_hand_it_follows_the_aligning_profile(pushed_rad
             for now, then in zip(joints, start, strict=True):
                 assert abs(now - then) <= P.align_rate_rad_s * elapsed * 1.1 + math.radians(0.1)
                 assert abs(now) <= abs(then) + math.radians(0.1)  # towards level, never away from it
-    _ = CycleState

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import nan
 from pathlib import Path
 
@@ -32,7 +33,7 @@ def play(samples: list[TemperatureSample], s: TemperatureState = temperature.STA
 def test_constants() -> None:
     assert (P.derating_from_c, P.max_c, P.hot_ns) == (75.0, 90.0, 200 * MS)
     assert SHARES[0] == 1.0
-    assert all(a > b > 0.0 for a, b in zip(SHARES, SHARES[1:], strict=False))
+    assert all(a > b > 0.0 for a, b in pairwise(SHARES))
 
 
 def test_silence() -> None:
@@ -55,8 +56,9 @@ def test_silence() -> None:
 
 
 @pytest.mark.parametrize("field", ["screw_pitch_c", "screw_roll_c", "column_c", "frame_c"])
-@pytest.mark.parametrize(("value", "name"), [(23.0, ""), (17.0, ""), (23.1, "temperature-jump"), (16.9, "temperature-jump"), (nan, "temperature-jump")])
-def test_jumps_are_held(field: str, value: float, name: str) -> None:
+@pytest.mark.parametrize(("value", "held"), [(23.0, False), (17.0, False), (23.1, True), (16.9, True), (nan, True)])
+def test_jumps_are_held(field: str, value: float, held: bool) -> None:
+    name = "temperature-jump" if held else ""
     _, s = play([sample(0), sample(1)])
     hurt = sample(2)._replace(**{field: value})
     got, after = play([hurt], s)

@@ -110,7 +110,8 @@ class ReferenceSource:
         heading, heading_rate = self._heading.at(t_s)
         line_s, line, line_rate = self._line
         if line_rate or line:
-            heading += line + line_rate * (t_s - line_s)
+            # the profile is a mean over its smoothing time; so is the line under it
+            heading += line + line_rate * (t_s - line_s - 0.5 * self._heading.smoothing_s)
             heading_rate += line_rate
         reference: Reference = _new(
             Reference, (self._kind, pitch, roll, wrap_angle(heading), pitch_rate, roll_rate, heading_rate)
@@ -140,7 +141,7 @@ class ReferenceSource:
             raise ValueError(f"a streamed heading must be finite, not {heading_rad!r} at {rate_rad_s!r}")
         other = self._plain(t_s)
         heading = other._heading
-        start = self._way(heading, t_s, wrap_angle(heading_rad))
+        start = self._way(heading, t_s, wrap_angle(heading_rad)) + 0.5 * heading.smoothing_s * rate_rad_s
         other._heading = heading.relative_to(t_s, start, rate_rad_s).retargeted(t_s, 0.0)
         other._line = (t_s, start, rate_rad_s)
         other.until_s = t_s + timeout_s

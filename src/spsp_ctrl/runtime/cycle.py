@@ -156,7 +156,9 @@ def step(
         if found.azimuth is _TRAVEL_SWITCH:
             found = found._replace(azimuth=None)
         searching = homing.step(searching, raw.azimuth)
-        home = Homing(searching.phase == _FOUND, searching.phase == _FAILED)
+        # found is found once azimuth stands again
+        standing = state.law.azimuth_rate == 0.0 and raw.azimuth.rate_microsteps_s == 0.0
+        home = Homing(searching.phase == _FOUND and standing, searching.phase == _FAILED)
 
     est, estimate = state.estimator, state.estimate
     apart: Fault | None = None
@@ -209,7 +211,8 @@ def step(
     if gate == _STOP and (sup.fault is None or sup.fault.reaction != Reaction.QUICK_STOP):
         gate = _SLOW
     elif sup.mode is _HOMING:
-        asked = reference._replace(heading_rate_rad_s=searching.direction * c.homing_rate_rad_s)
+        rate = 0.0 if searching.phase == _FOUND else searching.direction * c.homing_rate_rad_s
+        asked = reference._replace(heading_rate_rad_s=rate)
 
     (pitch, roll, azimuth), law_state = law.step(last, p, estimate, asked, dt, gate)
     seq = state.seq

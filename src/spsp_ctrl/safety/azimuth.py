@@ -69,24 +69,26 @@ class AzimuthState(NamedTuple):
     """The zero switch was on since then."""
     lost: bool
     """The last sample was not believed."""
+    fault: Fault | None
+    """What the newest frame has shown; it holds until the next."""
 
 
-START = AzimuthState(NO_AZIMUTH, -1, 0.0, 0.0, 0, 0, 0, False, False)
+START = AzimuthState(NO_AZIMUTH, -1, 0.0, 0.0, 0, 0, 0, False, False, None)
 
 
 def _sample(
     s: AzimuthState, p: AzimuthLimits, a: AzimuthSample, told_rad: float, enabled: bool, homed: bool, now_ns: int
-) -> tuple[Fault | None, AzimuthState]:
+) -> AzimuthState:
     """One new frame."""
     if not isfinite(a.rate_microsteps_s):
-        return _NOT_FINITE, s._replace(seq=a.seq, lost=True)
+        return s._replace(seq=a.seq, lost=True, fault=_NOT_FINITE)
     fault: Fault | None = None
     follow = s.follow_rad
     if s.good.seq >= 0 and not s.lost:
         dt = (a.stamp_ns - s.good.stamp_ns) * 1e-9
         moved = (a.microsteps - s.good.microsteps) * p.rad_per_microstep
         if dt <= 0.0 or abs(moved) > JUMP_RAD + p.rate_rad_s * dt or abs(a.rate_microsteps_s) * p.rad_per_microstep > 2.0 * p.rate_rad_s:
-            return _FOLLOWING, s._replace(seq=a.seq, lost=True)
+            return s._replace(seq=a.seq, lost=True, fault=_FOLLOWING)
         follow = follow * exp(-dt / FOLLOW_MEMORY_S) + told_rad - moved if enabled else 0.0
         if abs(follow) > FOLLOW_RAD + FOLLOW_S * abs(told_rad) / dt:
             fault = _FOLLOWING
@@ -109,17 +111,16 @@ def _sample(
         home = (home or now_ns or 1) if odd else 0
         if odd and now_ns - home >= p.home_ns:
             fault = fault or _HOME
-    return fault, AzimuthState(a, a.seq, follow, s.overdue_s, pressed, home, side, vane, False)
+    return AzimuthState(a, a.seq, follow, s.overdue_s, pressed, home, side, vane, False, fault)
 
 
 def step(
     s: AzimuthState, p: AzimuthLimits, a: AzimuthSample, told_rad: float, enabled: bool, homed: bool, now_ns: int, dt: float
 ) -> tuple[Fault | None, AzimuthState]:
     """One cycle. ``told_rad`` is the travel commanded since the last frame, ``homed`` whether the count is known to be the angle."""
-    fault: Fault | None = None
     if a[1] > s[1] and a[0] <= now_ns:
-        fault, s = _sample(s, p, a, told_rad, enabled, homed, now_ns)
-    age = now_ns - s[0][0]
+        s = _sample(s, p, a, told_rad, enabled, homed, now_ns)
+    age, fault = now_ns - s[0][0], s[9]
     if s[0][1] < 0 or age > p.stale_ns:
         return fault or _STALE, s
     if age > p.overdue_ns:

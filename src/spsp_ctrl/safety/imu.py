@@ -167,8 +167,9 @@ def _take(s: ImuState, p: ImuLimits, frame: ImuSample, now_ns: int) -> ImuState:
     elif noise > NOISE_RAD * NOISE_RAD or gyro > GYRO_STEP_RAD_S * GYRO_STEP_RAD_S:
         fault = _NOISE
     return ImuState(
-        frame, frame.seq, None, part_roll, part_pitch, part_yaw, noise, gyro, step_x, step_y, step_z, same_gyro, same_attitude, s.overdue_s, still, fault
-    )
+        frame, frame.seq, None, part_roll, part_pitch, part_yaw, noise, gyro, step_x, step_y, step_z, same_gyro, same_attitude, s.overdue_s,
+        still, fault,
+    )  # fmt: skip
 
 
 def step(s: ImuState, p: ImuLimits, frame: ImuSample, now_ns: int, dt: float) -> tuple[Fault | None, ImuState]:
