@@ -1,8 +1,8 @@
 """Every run of every shipped experiment without its log: does a fault-free rig ever set off an alarm?
 
-``python -m tools.false_alarms --seconds 12`` plays the first seconds of each run in lock-step and prints every fault, and every note of a fault that does
-not stop a run, with the run it came from. Exit 1 when there is one. Experiments that lose IMU frames on purpose (``dropouts``) are part of it: they must
-be coasted over.
+``python -m tools.false_alarms --seconds 12`` plays the first seconds of each run in lock-step and prints every fault, and every note of a fault
+that does not stop a run, with the run it came from. Exit 1 when there is one. Experiments that lose IMU frames on purpose (``dropouts``) are part of
+it: they must be coasted over.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Mutation testing of ``safety/`` and ``control/limits.py``: does a test fail when the code is changed?
 
 ``python -m tools.mutation`` makes one small change at a time (an operator, a comparison, a number, a condition) and runs the tests of these
-modules in a fork of this process. A mutant that no test notices has survived; survivors are printed with their line. What is text in the fault table is
-left out.
-``--share 0.3`` takes a part, the same for the same seed.
+modules in a fork of this process. A mutant that no test notices has survived; survivors are printed with their line. What is text in the fault table
+is left out. ``--share 0.3`` takes a part, the same for the same seed.
 """
 
 from __future__ import annotations

@@ -218,15 +218,16 @@ def run_session(
     return SessionResult(folder, summary, log, result)
 
 
-_TROUBLES = {"bus-off": "bus-off", "unplugged": "bus-off", "down": "bus-off", "queue-full": "queue-full"}
+_BUS_OFF = BY_ID["bus-off"]
+_TROUBLES = {"bus-off": _BUS_OFF, "unplugged": _BUS_OFF, "down": _BUS_OFF, "queue-full": BY_ID["queue-full"]}
 
 
 def seen_outside(rig: Rig, recorder: Recorder) -> int:
     """Number of a fault that no measurement shows: of the transport (a rig on a bus tells it as ``trouble``), or records lost by the log; else 0."""
     trouble = getattr(rig, "trouble", None)
-    name = _TROUBLES.get(str(trouble() if trouble is not None else ""))
-    if name is not None:
-        return BY_ID[name].number
+    fault = _TROUBLES.get(str(trouble() if trouble is not None else ""))
+    if fault is not None:
+        return fault.number
     _, lost = recorder.counts()
     return BY_ID["log-backlog"].number if lost else 0
 

@@ -208,7 +208,7 @@ def step(
             est = None
     gate = GATES[sup.mode]
     asked: Reference = reference
-    if gate == _STOP and (sup.fault is None or sup.fault.reaction != Reaction.QUICK_STOP):
+    if gate == _STOP and sup.fault is not None and sup.fault.reaction == Reaction.SLOW_STOP:
         gate = _SLOW
     elif sup.mode is _HOMING:
         rate = 0.0 if searching.phase == _FOUND else searching.direction * c.homing_rate_rad_s
