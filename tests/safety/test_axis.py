@@ -366,3 +366,66 @@ def test_supply_and_finite_numbers() -> None:
 def test_the_first_of_several_is_named() -> None:
     line = Line()
     line.step(resolver=ResolverSample(0, -1, 0, 0), drive=lambda d: d._replace(fault_code=1), fault="resolver-stale")
+
+
+def test_the_start_knows_nothing() -> None:
+    s = axis.START
+    assert (s.resolver.seq, s.drive_seq, s.seq, s.drive) == (-1, -1, -1, None)
+    assert {s.step, s.noise_counts2, s.idle_rad, s.follow_rad, s.resolver_gap_s, s.drive_gap_s, s.current_error_a, s.current_power_a2} == {0.0}
+    assert {s.known, s.bad, s.doubted, s.converter_since, s.state_since, s.over_since, s.supply_since} == {0}
+    line = Line(start=5)
+    line.step()
+    assert (line.state.step, line.state.known, line.state.bad, line.state.resolver_gap_s) == (0.0, 1, 0, 0.0)
+    line.step(30.0)
+    assert line.state.step == pytest.approx(30.0)
+    assert line.state.known == 2
+    line.step(30.0)
+    assert line.state.known == 2
+    assert line.state.noise_counts2 == pytest.approx(0.0, abs=1e-12)
+
+
+def test_after_a_jump_that_stays_the_memory_is_new() -> None:
+    line = Line()
+    for _ in range(5):
+        line.step(40.0, told=moving(40.0))
+    for fault in (None,) * 5 + ("resolver-jump",):
+        line.step(resolver=lambda r: r._replace(counts=r.counts + 9000), fault=fault)
+    assert (line.state.step, line.state.known, line.state.bad, line.state.doubted) == (0.0, 1, 0, 0)
+    assert line.state.resolver.counts == round(line.counts) + 9000
+    # the bucket has counted the doubted ones, and leaks
+    full = line.state.resolver_gap_s
+    assert full == pytest.approx(6e-3)
+    line.step(resolver=lambda r: r._replace(counts=r.counts + 9000))
+    assert line.state.resolver_gap_s == pytest.approx(full - 0.15 / 0.85 * DT)
+    while line.state.resolver_gap_s > 0.0:
+        line.step(resolver=lambda r: r._replace(counts=r.counts + 9000))
+    assert line.state.resolver_gap_s == 0.0
+
+
+def test_an_old_sequence_is_not_new_and_doubt_counts_only_what_came() -> None:
+    line = Line()
+    for _ in range(5):
+        line.step()
+    line.step(resolver=lambda r: r._replace(seq=r.seq - 1))
+    assert (line.state.bad, line.state.doubted, line.state.seq) == (1, 0, 4)
+    line.step(resolver=lambda r: r._replace(counts=99999))
+    assert (line.state.bad, line.state.doubted, line.state.seq) == (2, 1, 6)
+    line.step(resolver=lambda r: r._replace(counts=99999, seq=6))
+    assert (line.state.bad, line.state.doubted) == (3, 1)
+    line.step()
+    assert (line.state.bad, line.state.doubted) == (0, 0)
+
+
+def test_conditions_start_anew_after_a_good_cycle() -> None:
+    for change in ({"current_a": 9.0}, {"bus_voltage_v": 5.0}):
+        line = Line()
+        for _ in range(3):
+            line.step(drive=lambda d, c=change: d._replace(**c))
+        assert max(line.state.over_since, line.state.supply_since) == 1
+        line.step()
+        assert (line.state.over_since, line.state.supply_since, line.state.state_since) == (0, 0, 0)
+    line = Line()
+    line.step(told=ON, drive=lambda d: d._replace(enabled=False))
+    assert line.state.state_since == 1
+    line.step(told=ON)
+    assert line.state.state_since == 0

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pytest
 
+from spsp_ctrl.config.injection import Injection
+from spsp_ctrl.rig.injection import Fault
 from spsp_ctrl.safety.faults import BY_ID
 from tools import fault_matrix
 from tools.fault_cases import Case, cases
@@ -50,3 +53,27 @@ def test_the_committed_table_is_whole_and_within_its_limits() -> None:
             assert row["safe_ms"] <= BY_ID[row["fault"]].limit_ms == row["limit_ms"], row
         assert row["error_arcmin"] <= fault_matrix.HARMLESS_ARCMIN
         assert row["heading_deg"] <= fault_matrix.HARMLESS_HEADING_DEG
+
+
+def test_drop_outs_shorter_than_the_coast_limit_are_invisible() -> None:
+    """Five resolver frames, or 50 ms of IMU frames, missing again and again: the true error grows by less than a tenth."""
+    moment = fault_matrix.Moment("ACTIVE", horizon_s=1.5)
+    healthy = max(math.hypot(t.platform_pitch_rad, t.platform_roll_rad) for t in moment.healthy)
+    for signal, off_ms, on_ms in (("resolver_pitch", 5.0, 195.0), ("resolver_roll", 5.0, 195.0), ("drive_pitch", 5.0, 195.0), ("imu", 50.0, 1350.0)):
+        injection = Injection.model_validate(
+            {"signal": signal, "kind": "intermittent", "at_s": moment.first * 1e-3, "off_ms": off_ms, "on_ms": on_ms}
+        )
+        worst, said = fault_matrix._forked(lambda injection=injection: worst_error(moment, injection))
+        assert said == 0, signal
+        assert worst < 1.1 * healthy, (signal, worst, healthy)
+
+
+def worst_error(moment: fault_matrix.Moment, injection: Injection) -> tuple[float, int]:
+    fault, state, worst, said = Fault(injection, 1), moment.state, 0.0, 0
+    for k in range(moment.first, moment.first + moment.cycles):
+        state, _, _ = moment.advance(state, k, (fault,))
+        truth = moment.rig.truth()
+        assert truth is not None
+        worst = max(worst, math.hypot(truth.platform_pitch_rad, truth.platform_roll_rad))
+        said |= state.said
+    return worst, said
