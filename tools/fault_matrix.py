@@ -263,7 +263,10 @@ def main(only: str, write: bool, as_json: bool) -> None:
             print(row)
         print(f"{len(rows)} cases in {time.monotonic() - began:.0f} s")
     if write:
-        RESULTS.write_text(json.dumps([asdict(row) for row in rows], indent=0) + "\n", encoding="utf-8")
+        known = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else []
+        found = {(r["signal"], r["kind"], r["mode"]): r for r in (*known, *map(asdict, rows))}
+        order = [(c.signal.name, c.kind, c.mode) for mode in MODES for c in cases() if c.mode == mode]
+        RESULTS.write_text(json.dumps([found[key] for key in order if key in found], indent=0) + "\n", encoding="utf-8")
     raise SystemExit(1 if missed else 0)
 
 

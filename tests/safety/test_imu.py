@@ -76,6 +76,7 @@ def test_constants_from_the_rig_file() -> None:
     assert p.late_ns == 14 * MS
     assert p.stuck_frames == 40
     assert p.density_s == 0.15
+    assert p.noisy_frames == 180
 
 
 def test_before_the_first_frame_there_is_none() -> None:
@@ -218,15 +219,15 @@ def test_noise() -> None:
     random = Random(3)
     for rms_arcmin, named in ((3.0, "imu-noise"), (0.6, "")):
         unit = good()
-        found, ms = unit.run(400, lambda f, s=rms_arcmin: f._replace(pitch_rad=f.pitch_rad + random.gauss(0.0, s * ARCMIN)))
+        found, ms = unit.run(1300, lambda f, s=rms_arcmin: f._replace(pitch_rad=f.pitch_rad + random.gauss(0.0, s * ARCMIN)))
         assert found == named, (rms_arcmin, ms)
     for rms_deg_s, named in ((1.5, "imu-noise"), (0.3, "")):
         unit = good()
-        found, ms = unit.run(400, lambda f, s=rms_deg_s: f._replace(gyro_x_rad_s=f.gyro_x_rad_s + random.gauss(0.0, radians(s))))
+        found, ms = unit.run(1300, lambda f, s=rms_deg_s: f._replace(gyro_x_rad_s=f.gyro_x_rad_s + random.gauss(0.0, radians(s))))
         assert found == named, (rms_deg_s, ms)
     # the verdict of a frame holds until the next
     unit = good()
-    unit.run(400, lambda f: f._replace(gyro_x_rad_s=f.gyro_x_rad_s + random.gauss(0.0, radians(3.0))))
+    unit.run(1300, lambda f: f._replace(gyro_x_rad_s=f.gyro_x_rad_s + random.gauss(0.0, radians(3.0))))
     for _ in range(4):
         assert unit.step() == "imu-noise"
 

@@ -124,7 +124,7 @@ FAULTS: tuple[Fault, ...] = (
           "safety/imu.py", 0, 400, "attitude and integrated gyro part by 20 arcmin within 0.5 s"),
     Fault(16, "imu-noise", SLOW, "the IMU is far noisier than it was",
           "loose mounting, vibration, supply ripple, a defect", "mounting screws, supply, vibration of the carrier",
-          "safety/imu.py", 0, 400, "frame-to-frame contradiction of attitude and gyro above 2 arcmin rms, or gyro steps above 1.5 deg/s rms"),
+          "safety/imu.py", 900, 1300, "frame-to-frame contradiction of attitude and gyro above 2 arcmin rms, or gyro steps above 1.5 deg/s rms"),
     Fault(17, "imu-stuck", SLOW, "a channel of the IMU repeats the same number",
           "the unit hangs, its driver repeats an old frame", "power-cycle the IMU; its driver; supervisor.imu_stuck_frames",
           "safety/imu.py", 0, 400, "40 equal gyro frames, or 200 equal attitude frames"),

@@ -48,6 +48,8 @@ class ImuLimits:
     """A frame older than this when it arrives is of no use: the joint angles of its time are forgotten."""
     stuck_frames: int
     """Equal gyro frames in a row that count as stuck; 0 switches that off."""
+    noisy_frames: int
+    """Noisy for so many frames. A law that chatters shakes the unit too, and gives way to a plainer one within ``control.watch.window_s``."""
     density_s: float
 
 
@@ -60,6 +62,7 @@ def imu_limits(config: RigConfig) -> ImuLimits:
         round((config.imu.delay_ms + OVERDUE_PERIODS * period_ms) * 1e6),
         round((config.imu.delay_ms + period_ms) * 1e6) + round(LATE_CYCLES * 1e9 / config.rate_hz),
         s.imu_stuck_frames,
+        round(_NOISE.debounce_ms * 1e-3 * config.imu.rate_hz),
         _DENSITY.debounce_ms * 1e-3,
     )
 
@@ -89,9 +92,11 @@ class ImuState(NamedTuple):
     """The same for each channel: attitude, then gyro."""
     fault: Fault | None
     """What the newest frame has shown; it holds until the next."""
+    noisy: int
+    """Noisy frames in a row."""
 
 
-START = ImuState(NO_IMU, -1, None, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0, (0, 0, 0, 0, 0, 0), None)
+START = ImuState(NO_IMU, -1, None, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0, (0, 0, 0, 0, 0, 0), None, 0)
 
 
 def _turned(angle: float) -> float:
@@ -164,11 +169,12 @@ def _take(s: ImuState, p: ImuLimits, frame: ImuSample, now_ns: int) -> ImuState:
     fault: Fault | None = None
     if p.stuck_frames and (same_gyro >= p.stuck_frames or same_attitude >= ATTITUDE_STUCK * p.stuck_frames):
         fault = _STUCK
-    elif noise > NOISE_RAD * NOISE_RAD or gyro > GYRO_STEP_RAD_S * GYRO_STEP_RAD_S:
+    noisy = s.noisy + 1 if noise > NOISE_RAD * NOISE_RAD or gyro > GYRO_STEP_RAD_S * GYRO_STEP_RAD_S else 0
+    if fault is None and noisy >= p.noisy_frames:
         fault = _NOISE
     return ImuState(
         frame, frame.seq, None, part_roll, part_pitch, part_yaw, noise, gyro, step_x, step_y, step_z, same_gyro, same_attitude, s.overdue_s,
-        still, fault,
+        still, fault, noisy,
     )  # fmt: skip
 
 
