@@ -35,7 +35,7 @@ def replay_log(
     for topic in ("/measurement", "/control"):
         if topic not in data.topics or len(data.topics[topic]) == 0:
             raise LogError(f"{log}: cannot be replayed: no messages on {topic}")
-    recorded_rig, scenario = _attached(data, "rig.yaml", load_rig), _attached(data, "scenario.yaml", load_scenario).model
+    recorded_rig, scenario = attached(data, "rig.yaml", load_rig), attached(data, "scenario.yaml", load_scenario).model
     loaded = recorded_rig if config is None else load_rig(config)
     if overrides:
         loaded = apply_overrides(loaded, overrides)
@@ -87,7 +87,7 @@ def replay_faulted(log: Path, scenario: Path, progress: Callable[[int, int], Non
             text = f"faults.{i}.signal = {injection.signal!r}: a recorded run cannot be told another command; hurt a signal that was measured"
             raise ConfigError([ConfigProblem(loaded.path, line, column, text)])
     data = read_log(log)
-    config, plan = _attached(data, "rig.yaml", load_rig).model, _attached(data, "scenario.yaml", load_scenario).model
+    config, plan = attached(data, "rig.yaml", load_rig).model, attached(data, "scenario.yaml", load_scenario).model
     measurements = data.topics["/measurement"]
     requests = defaultdict(list)
     for request in _requests(data):
@@ -123,7 +123,8 @@ def _requests(data: LogData) -> list[OperatorRequest]:
     ]
 
 
-def _attached(data: LogData, name: str, load: Callable[[Path], L]) -> L:
+def attached(data: LogData, name: str, load: Callable[[Path], L]) -> L:
+    """An attachment of a log, loaded as the file that it was. Raises ``LogError``."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
         path.write_bytes(data.attachments[name])
