@@ -79,6 +79,18 @@ WORKING: dict[str, tuple[str, str]] = {
     "mcz": ("kg m", "likewise"),
 }
 
+FAULT_CLASSES: dict[str, str] = {
+    "NO_ENTRY": "A rig that moves goes on; one that stands is not armed.",
+    "SOFT": "A moving rig is brought to rest under control.",
+    "IMMEDIATE": "A moving rig is braked as hard as its limits allow, or loses power, in the same cycle.",
+}
+REACTIONS: dict[str, str] = {
+    "HOLD": "The last good value is held and the run goes on; it is said in the log and to the operator.",
+    "SLOW_STOP": "Brake gently to standstill (a quarter of the acceleration limit), then disable.",
+    "QUICK_STOP": "Brake to standstill with the full acceleration limit, then disable.",
+    "FREE": "Disable at once: what would be needed to brake can no longer be trusted.",
+}
+
 EXIT_WORDS: dict[int, str] = {
     0: "done",
     1: "an acceptance row failed (`run --strict`), or a replay differs",

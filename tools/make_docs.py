@@ -29,7 +29,7 @@ from spsp_ctrl.recording.schema import JSON_TOPICS, TOPICS, Codec, ros_name
 from spsp_ctrl.runtime.operator import VERBS
 from spsp_ctrl.safety.faults import BY_ID, FAULTS, FaultClass, Reaction
 from tools.doc_fields import attribute_docs, config_tables, prose, table, unit_of
-from tools.doc_words import EXIT_WORDS, FIELDS, INNER, RIG_OUTPUTS, TOPIC_WORDS, WORKING
+from tools.doc_words import EXIT_WORDS, FAULT_CLASSES, FIELDS, INNER, REACTIONS, RIG_OUTPUTS, TOPIC_WORDS, WORKING
 from tools.fault_cases import UNSEEN
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -286,8 +286,7 @@ def fault_limits() -> str:
 
 def fault_classes() -> str:
     """What the supervisor sees of a fault."""
-    docs = attribute_docs(FaultClass)
-    return table(("class", "meaning"), [(c.name, docs[c.name]) for c in FaultClass])
+    return table(("class", "meaning"), [(c.name, FAULT_CLASSES[c.name]) for c in FaultClass])
 
 
 def _matrix() -> list[dict[str, Any]]:
@@ -329,8 +328,7 @@ def unseen() -> str:
 
 def reactions() -> str:
     """The classes of reaction."""
-    docs = attribute_docs(Reaction)
-    return table(("reaction", "meaning"), [(r.name, docs[r.name]) for r in Reaction])
+    return table(("reaction", "meaning"), [(r.name, REACTIONS[r.name]) for r in Reaction])
 
 
 def exit_codes() -> str:
