@@ -188,7 +188,7 @@ FAULTS: tuple[Fault, ...] = (
           "safety/supervisor.py", 0, 10, "both travel switches were reached, or supervisor.homing_timeout_s has passed"),
     Fault(36, "temperature-stale", HOLD, "no fresh temperature; the last one is held",
           "cable, slow bus object lost", "temperature sensors and their bus object",
-          "safety/temperature.py", 0, 1600, ALWAYS),
+          "safety/temperature.py", 0, 1600, "it was there before: a rig may have no such sensor"),
     Fault(37, "temperature-jump", HOLD, "a temperature has changed faster than a screw can, or is impossible; the last good one is held",
           "broken or loose sensor", "temperature sensors, connectors",
           "safety/temperature.py", 0, 300, "a step of more than 3 K between two samples, or outside -40 to 120 degC"),

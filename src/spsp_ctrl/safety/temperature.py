@@ -72,6 +72,7 @@ def step(s: TemperatureState, p: TemperatureLimits, t: TemperatureSample, now_ns
     """One cycle."""
     if t.seq > s.seq and t.stamp_ns <= now_ns:
         s = _sample(s, p, t, now_ns)
-    if now_ns - s.good.stamp_ns > STALE_NS or s.good.seq < 0:
+    # one that was never there is not fitted (a drive family without it): nothing has gone silent
+    if s.good.seq >= 0 and now_ns - s.good.stamp_ns > STALE_NS:
         return s.fault or _STALE, s
     return s.fault, s
