@@ -299,12 +299,16 @@ def test_drive_stale_fault_code_and_state() -> None:
     Line().step(drive=DriveSample(0, -1, False, 0, 0.0, 24.0), fault="drive-stale")
     Line().step(drive=lambda d: d._replace(fault_code=0x2310), fault="drive-fault")
     for told in (ON, Told(0.0, 0.0, False, True)):
-        other = Line(start=1)
+        slow = Line(start=1)
+        assert slow.until(200, lambda s=slow, t=told: s.step(told=t, drive=lambda d: d._replace(enabled=not t.enable))) == 151
+        other = Line()
+        other.step(told=told)
         assert other.until(50, lambda other=other, told=told: other.step(told=told, drive=lambda d: d._replace(enabled=not told.enable))) == 21
         switching = Line()
         unsettled = told._replace(settled=False)
         assert switching.until(50, lambda s=switching, t=unsettled: s.step(told=t, drive=lambda d: d._replace(enabled=not t.enable))) == -1
-    again = Line(start=1)
+    again = Line()
+    again.step(told=ON)
     for _ in range(15):
         again.step(told=ON, drive=lambda d: d._replace(enabled=False))
     again.step(told=ON)

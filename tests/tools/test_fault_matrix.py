@@ -24,7 +24,7 @@ PART = {
 
 
 KNOWN_MISSES = {(f"imu.{channel}", "noisy", mode) for channel in ("pitch", "roll", "yaw") for mode in ("ALIGNING", "ACTIVE")}
-"""Attitude noise of 0.5 deg rms is named after 407 to 944 ms; the limit is 400 ms. (IMU noise waits 900 ms, so that a law that chatters is no fault.)"""
+"""Attitude noise of 0.5 deg rms is named after 407 to 944 ms; the limit is 400 ms. (IMU noise waits 900 ms: a law that chatters is no fault.)"""
 
 
 def chosen() -> list[Case]:

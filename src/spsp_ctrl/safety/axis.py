@@ -34,6 +34,8 @@ CURRENT_RMS_A = 1.5
 """The same, rms: a command that arrives disturbed."""
 OVERCURRENT = 1.25
 DENSITY_SHARE = 0.15
+SWITCH_NS = 150_000_000
+"""A drive may take so long to show that it was switched (heartbeats of 100 ms); once shown, it must stay."""
 
 _R_STALE, _R_FAULT, _R_JUMP, _R_STUCK = BY_ID["resolver-stale"], BY_ID["resolver-fault"], BY_ID["resolver-jump"], BY_ID["resolver-stuck"]
 _R_NOISE, _R_DENSITY, _FOLLOWING = BY_ID["resolver-noise"], BY_ID["resolver-density"], BY_ID["following-error"]
@@ -132,9 +134,11 @@ class AxisState(NamedTuple):
     current_power_a2: float
     doubted: int
     """Of the angles carried on, those that came and were not believed: they give the motor no more time to get there."""
+    agreed: bool
+    """The drive has shown what it was told since it was told."""
 
 
-START = AxisState(NO_RESOLVER, 0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, -1, 0.0, 0.0, 0, 0, 0, 0, -1, None, 0.0, 0)
+START = AxisState(NO_RESOLVER, 0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, -1, 0.0, 0.0, 0, 0, 0, 0, -1, None, 0.0, 0, False)
 
 
 class Told(NamedTuple):
@@ -153,7 +157,7 @@ def step(
     """One cycle."""
     (
         good, motion, known, bad, noise, idle, follow, gap, drive_seq, drive_gap, current_error,
-        converter_since, state_since, over_since, supply_since, last_seq, good_drive, power, doubted,
+        converter_since, state_since, over_since, supply_since, last_seq, good_drive, power, doubted, agreed,
     ) = s  # fmt: skip
     stamp, seq, counts, status = resolver
     told_speed, told_current, told_on, settled = told
@@ -236,12 +240,14 @@ def step(
         fault = fault or _D_STALE
     if d_code:
         fault = fault or _D_FAULT
-    if d_on != told_on and settled:
+    if not settled:
+        agreed, state_since = d_on == told_on, 0
+    elif d_on != told_on:
         state_since = state_since or now_ns or 1
-        if now_ns - state_since >= p.state_ns:
+        if now_ns - state_since >= (p.state_ns if agreed else SWITCH_NS):
             fault = fault or _D_STATE
     else:
-        state_since = 0
+        agreed, state_since = True, 0
     if current > p.over_a or -current > p.over_a:
         over_since = over_since or now_ns or 1
         if now_ns - over_since >= p.over_ns:
@@ -260,7 +266,7 @@ def step(
         AxisState,
         (
             good, motion, known, bad, noise, idle, follow, gap, drive_seq, drive_gap, current_error,
-            converter_since, state_since, over_since, supply_since, last_seq, good_drive, power, doubted,
+            converter_since, state_since, over_since, supply_since, last_seq, good_drive, power, doubted, agreed,
         ),
     )  # fmt: skip
 
