@@ -10,8 +10,8 @@ FIELDS: dict[str, str] = {
     "Command.stamp_ns": "SYNC at which it was computed; it acts from the next one",
     "Command.seq": "counts commands from 0",
     "/events.level": "how grave it is",
-    "/events.id": "`mode`, `skip`, `log-failed`, `law-fallback`, `motion` (the name of the motion that starts, on a single axis), "
-    "or the id of a fault ([faults](faults.md))",
+    "/events.id": "`mode`, `skip`, `log-failed`, `law-fallback`, `motion` (the name of the motion that starts, on a single axis), or the id "
+    "of a fault ([faults](faults.md))",
     "/events.text": "for a person",
 }
 """Meaning by ``Class.field`` or, where it is the same everywhere, by ``field``. A docstring in ``messages.py`` comes first."""
@@ -79,9 +79,15 @@ WORKING: dict[str, tuple[str, str]] = {
     "mcz": ("kg m", "likewise"),
 }
 
+FAULT_CLASSES: dict[str, str] = {
+    "NO_ENTRY": "A rig that moves goes on; one that stands is not armed.",
+    "SOFT": "A moving rig is brought to rest under control.",
+    "IMMEDIATE": "A moving rig is braked as hard as its limits allow, or loses power, in the same cycle.",
+}
 REACTIONS: dict[str, str] = {
-    "WARNING": "Say it in the log and to the operator; the run goes on.",
-    "SLOW_STOP": "Brake to standstill under control, then disable.",
+    "HOLD": "The last good value is held and the run goes on; it is said in the log and to the operator.",
+    "SLOW_STOP": "Brake gently to standstill (a quarter of the acceleration limit), then disable.",
+    "QUICK_STOP": "Brake to standstill with the full acceleration limit, then disable.",
     "FREE": "Disable at once: what would be needed to brake can no longer be trusted.",
 }
 

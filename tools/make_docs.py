@@ -7,7 +7,7 @@ nothing, names what is out of date and exits 1. Everything outside the markers i
 from __future__ import annotations
 
 import argparse
-import inspect
+import json
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -27,9 +27,10 @@ from spsp_ctrl.plant.effects import EFFECTS, Parameter
 from spsp_ctrl.plant.model import ModelFile, Quantity, effect_keys, key, load_model
 from spsp_ctrl.recording.schema import JSON_TOPICS, TOPICS, Codec, ros_name
 from spsp_ctrl.runtime.operator import VERBS
-from spsp_ctrl.safety.faults import FAULTS, Reaction
+from spsp_ctrl.safety.faults import BY_ID, FAULTS, FaultClass, Reaction
 from tools.doc_fields import attribute_docs, config_tables, prose, table, unit_of
-from tools.doc_words import EXIT_WORDS, FIELDS, INNER, REACTIONS, RIG_OUTPUTS, TOPIC_WORDS, WORKING
+from tools.doc_words import EXIT_WORDS, FAULT_CLASSES, FIELDS, INNER, REACTIONS, RIG_OUTPUTS, TOPIC_WORDS, WORKING
+from tools.fault_cases import UNSEEN
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -273,16 +274,61 @@ def units() -> str:
 
 def faults() -> str:
     """The fault table."""
-    rows = [(str(f.number), f"`{f.id}`", f.reaction.name, f.text, f.check) for f in FAULTS]
-    return table(("number", "id", "reaction", "what happened", "what to check"), rows)
+    rows = [(str(f.number), f"`{f.id}`", f.fault_class.name, f.reaction.name, f.text, f.causes, f.check) for f in FAULTS]
+    return table(("number", "id", "class", "reaction", "what happened", "likely causes", "what to check"), rows)
+
+
+def fault_limits() -> str:
+    """Where and how fast each fault is seen."""
+    rows = [(f"`{f.id}`", f"`{f.where}`", f.observable, f"{f.debounce_ms:g}", f"{f.limit_ms:g}") for f in FAULTS]
+    return table(("id", "seen in", "when it can be seen", "debounce, ms", "limit to a safe command, ms"), rows)
+
+
+def fault_classes() -> str:
+    """What the supervisor sees of a fault."""
+    return table(("class", "meaning"), [(c.name, FAULT_CLASSES[c.name]) for c in FaultClass])
+
+
+def _matrix() -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = json.loads((DOCS / "fault-matrix.json").read_text(encoding="utf-8"))
+    return rows
+
+
+def fault_matrix() -> str:
+    """The measured matrix, as ``tools.fault_matrix`` has left it."""
+    rows = []
+    for r in _matrix():
+        seen = "-" if r["observable_ms"] is None else f"{r['observable_ms']:g}"
+        safe = "-" if r["safe_ms"] is None else "before" if r["safe_ms"] < 0 else f"{r['safe_ms']:g}"
+        limit = "-" if r["limit_ms"] is None else f"{r['limit_ms']:g}"
+        fault = f"`{r['fault']}`" if r["fault"] else ""
+        error = (f"{r['error_arcmin']:.2f}", f"{r['heading_deg']:.2f}")
+        rows.append((r["signal"], r["kind"], r["mode"], r["outcome"], fault, r["condition"], seen, safe, limit, *error))
+    head = ("signal", "kind", "mode", "outcome", "named", "observable when", "observable after, ms", "then safe in, ms", "limit, ms")
+    head = (*head, "error, arcmin", "heading, deg")
+    return table(head, rows)
+
+
+def fault_matrix_sums() -> str:
+    """The matrix in a few lines."""
+    rows = _matrix()
+    groups = sorted({r["fault"] for r in rows if r["fault"] and r["outcome"] != "missed"}, key=lambda name: BY_ID[name].number)
+    found = []
+    for name in groups:
+        times = sorted(max(0.0, r["safe_ms"]) for r in rows if r["fault"] == name and r["outcome"] in ("detected", "noted"))
+        found.append((f"`{name}`", str(len(times)), f"{times[len(times) // 2]:g}", f"{times[-1]:g}", f"{BY_ID[name].limit_ms:g}"))
+    counts = ", ".join(f"{sum(r['outcome'] == o for r in rows)} {o}" for o in ("detected", "noted", "harmless", "missed"))
+    return f"{len(rows)} cases: {counts}.\n\n" + table(("named", "cases", "median, ms", "longest, ms", "limit, ms"), found)
+
+
+def unseen() -> str:
+    """What no fitted sensor sees."""
+    return table(("fault", "why nobody sees it", "what it does meanwhile", "the sensor that would"), UNSEEN)
 
 
 def reactions() -> str:
     """The classes of reaction."""
-    docs = attribute_docs(Reaction)
-    source = inspect.getsource(Reaction)
-    assert all(r.name in source for r in Reaction)
-    return table(("reaction", "meaning"), [(r.name, docs.get(r.name) or REACTIONS[r.name]) for r in Reaction])
+    return table(("reaction", "meaning"), [(r.name, REACTIONS[r.name]) for r in Reaction])
 
 
 def exit_codes() -> str:
@@ -314,6 +360,11 @@ GENERATORS: dict[str, Callable[[], Any]] = {
     "hypotheses": hypotheses,
     "faults": faults,
     "reactions": reactions,
+    "fault-limits": fault_limits,
+    "fault-classes": fault_classes,
+    "fault-matrix": fault_matrix,
+    "fault-matrix-sums": fault_matrix_sums,
+    "unseen": unseen,
     "exit-codes": exit_codes,
     "scenario-keys": lambda: config_tables(Scenario),
     "import-map-keys": lambda: config_tables(ImportMap),

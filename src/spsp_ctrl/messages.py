@@ -492,11 +492,14 @@ class OperatorRequest(NamedTuple):
 
     stamp_ns: int
     verb: str
-    """``arm``, ``disarm``, ``stop``, ``reset``, ``heading``."""
+    """``arm``, ``disarm``, ``stop``, ``reset``, ``home``, ``heading``, ``target`` (one sample of a stream), ``jog-pitch``, ``jog-roll``, ``present``
+    (the operator is there), ``fault`` (seen outside the measurement)."""
     value: float
-    """Heading in rad for ``heading``, else 0."""
+    """Angle in rad for ``heading``, ``target`` and ``jog-...``, number of the fault for ``fault``, else 0."""
     source: str
-    """Who asked: ``screen``, ``completed`` (end of the scenario), ``interrupted`` (Ctrl-C)."""
+    """Who asked: ``screen``, ``ctl``, ``completed`` (end of the scenario), ``interrupted`` (Ctrl-C), ``loop`` (a fault)."""
+    rate: float = 0.0
+    """Rate of a ``target`` in rad/s, else 0."""
 
 
 NO_IMU = ImuSample(0, 0, -1, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

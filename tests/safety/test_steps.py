@@ -83,4 +83,4 @@ def test_a_gap_in_the_frames_and_a_heading_that_turns_over_are_no_jump() -> None
 
 
 def test_it_warns_and_stops_nothing() -> None:
-    assert BY_ID["steps-lost"].reaction == Reaction.WARNING
+    assert BY_ID["steps-lost"].reaction == Reaction.HOLD

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from spsp_ctrl import __version__
-from spsp_ctrl.cli import bringup, diagnose, experiment, hil, latency, log, mechanism, mechanism_errors, plant, run
+from spsp_ctrl.cli import bringup, ctl, diagnose, experiment, hil, latency, log, mechanism, mechanism_errors, plant, run
 from spsp_ctrl.cli.common import EXIT_CODES, EXIT_INTERNAL
 
 
@@ -25,7 +25,8 @@ def cli() -> None:
 
 
 COMMANDS = (
-    run.run, run.replay, bringup.check, bringup.scan, plant.plant, diagnose.diagnose, experiment.experiment, hil.hil, latency.latency, log.log,
+    run.run, run.replay, ctl.ctl,
+    bringup.check, bringup.scan, plant.plant, diagnose.diagnose, experiment.experiment, hil.hil, latency.latency, log.log,
     mechanism.mechanism,
 )  # fmt: skip
 for command in COMMANDS:

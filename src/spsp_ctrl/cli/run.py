@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the virtual rig.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder; default runs/<UTC time>.")
 @click.option("--strict", is_flag=True, help="Exit with 1 when an acceptance row fails.")
+@click.option("--ctl", "listen", is_flag=True, help="Listen for `spsp-ctrl ctl` on RUN/ctl.sock; a fault then waits for a reset until the end.")
 @click.option("--no-screen", is_flag=True, help="No live screen in real time.")
 @click.option("--dry-run", is_flag=True, help="Identify and check, print the frames that would be sent, end. Power is never enabled.")
 @click.option("--no-enable", is_flag=True, help="Everything runs, but every command is \"off\".")
@@ -44,6 +45,7 @@ def run(
     seed: int | None,
     out: Path | None,
     strict: bool,
+    listen: bool,
     no_screen: bool,
     dry_run: bool,
     no_enable: bool,
@@ -67,7 +69,7 @@ def run(
     bringup.before_power(plan.config, rig, no_enable, limit, yes)
     folder = session.new_folder(out)
     with _watch(plan, fast, as_json or no_screen) as watcher:
-        result = session.run_session(plan, rig, folder, watcher, say)
+        result = session.run_session(plan, rig, folder, watcher, say, listen=listen)
 
     from spsp_ctrl.report.data import RunData
     from spsp_ctrl.report.run_report import write_report
@@ -155,6 +157,7 @@ def _watch(plan: Plan, fast: bool, quiet: bool) -> Iterator[Watcher | None]:
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--config", "-c", type=click.Path(path_type=Path), help="Rig file to use instead of the recorded one.")
 @OVERRIDE
+@click.option("--faults", type=click.Path(path_type=Path), metavar="FILE", help="Hurt the recorded signals by the `faults:` of this scenario file.")
 @click.option(
     "--from",
     "source",
@@ -165,16 +168,32 @@ def _watch(plan: Plan, fast: bool, quiet: bool) -> Iterator[Watcher | None]:
 )
 @JSON
 @guarded
-def replay(log: Path, config: Path | None, overrides: tuple[str, ...], source: str, as_json: bool) -> None:
+def replay(
+    log: Path, config: Path | None, overrides: tuple[str, ...], faults: Path | None, source: str, as_json: bool
+) -> None:
     """Feed the recorded inputs of a run to the law again and compare its commands bit for bit.
 
     With `--from raw` the recorded frames and bytes of a rig on buses go through the decoders again, and the measurements are compared.
+
+    With --faults the recorded signals are hurt first, and what is shown is the fault that the controller names (exit code 3) or that none stopped it.
     """
     if source == "raw":
-        _replay_raw(log, config is not None or bool(overrides), as_json)
+        _replay_raw(log, config is not None or bool(overrides) or faults is not None, as_json)
         return
-    from spsp_ctrl.experiments.replaying import replay_log
+    from spsp_ctrl.experiments.replaying import replay_faulted, replay_log
 
+    if faults is not None:
+        if config is not None or overrides:
+            raise click.UsageError("--faults plays the log to the controller that recorded it; leave out --config and --set")
+        with bar("replaying", as_json) as advance:
+            hurt = replay_faulted(log, faults, advance)
+        if as_json:
+            click.echo(json.dumps(hurt.to_dict(), indent=2))
+        else:
+            said = f"; said meanwhile: {', '.join(hurt.notes)}" if hurt.notes else ""
+            what = f"{hurt.fault} at {hurt.time_s:.3f} s, then {hurt.mode}" if hurt.fault else f"no fault stopped it in {hurt.time_s:.3f} s"
+            click.echo(what + said)
+        raise SystemExit(EXIT_RIG if hurt.fault else 0)
     with bar("replaying", as_json) as advance:
         result = replay_log(log, config, overrides, advance)
     if as_json:

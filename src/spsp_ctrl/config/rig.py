@@ -421,6 +421,28 @@ class SupervisorConfig(Strict):
     """Age of the newest IMU frame beyond its normal age at which a coasting loop faults."""
     signal_timeout_ms: float = Field(default=5.0, ge=1.0, le=1000.0)
     """The same for resolvers and drives."""
+    coast_samples: int = Field(default=5, ge=0, le=50)
+    """Missing or impossible resolver angles in a row over which the last motion is carried on."""
+    imu_stuck_frames: int = Field(default=40, ge=0, le=10_000)
+    """So many equal gyro frames (five times as many attitudes) are a frozen unit; 0 for a unit without noise."""
+    supply_min_v: float = Field(default=18.0, ge=0.0, le=1000.0)
+    """Lowest supply voltage of the drives."""
+    supply_max_v: float = Field(default=30.0, gt=0.0, le=1000.0)
+    """Highest."""
+    derating_from_c: float = Field(default=75.0, ge=0.0, le=150.0)
+    """Screw temperature from which the current limit is lowered, in steps."""
+    temperature_max_c: float = Field(default=90.0, ge=0.0, le=150.0)
+    """Screw temperature at which the rig stops."""
+    homing: Literal["none", "azimuth"] = "none"
+    """``azimuth``: it is homed by its zero switch before the rig is ready. ``none``: the count is right at start (the virtual rig)."""
+    homing_rate_deg_s: float = Field(default=5.0, gt=0.0, le=60.0)
+    """Azimuth rate while homing."""
+    homing_timeout_s: float = Field(default=120.0, gt=0.0, le=3600.0)
+    """Time allowed for it."""
+    operator_timeout_s: float = Field(default=0.0, ge=0.0, le=86_400.0)
+    """A moving rig stops when the operator has not been heard of for so long; 0: it may run without one."""
+    target_timeout_s: float = Field(default=0.5, gt=0.0, le=60.0)
+    """A streamed heading that is older than this is no longer followed: its last value is held."""
     align_tolerance_deg: float = Field(default=0.2, gt=0.0, le=5.0)
     """Attitude error below which the platform counts as aligned."""
     align_timeout_s: float = Field(default=20.0, gt=0.0, le=600.0)
@@ -429,6 +451,14 @@ class SupervisorConfig(Strict):
     """Attitude error in ACTIVE above which the loop is considered lost."""
     stop_timeout_s: float = Field(default=2.0, gt=0.0, le=60.0)
     """Time allowed for braking."""
+
+    @model_validator(mode="after")
+    def _ranges(self) -> SupervisorConfig:
+        if self.supply_min_v >= self.supply_max_v:
+            raise ValueError(f"supply_min_v ({self.supply_min_v:g}) must be below supply_max_v ({self.supply_max_v:g})")
+        if self.derating_from_c >= self.temperature_max_c:
+            raise ValueError(f"derating_from_c ({self.derating_from_c:g}) must be below temperature_max_c ({self.temperature_max_c:g})")
+        return self
 
 
 class RealTimeConfig(Strict):

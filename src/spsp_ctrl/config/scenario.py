@@ -7,149 +7,22 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from spsp_ctrl.config.acceptance import Acceptance as Acceptance
+from spsp_ctrl.config.acceptance import AcceptanceRows, Law
 from spsp_ctrl.config.drawn import Drawn
+from spsp_ctrl.config.injection import Dropout as Dropout
+from spsp_ctrl.config.injection import Injection
+from spsp_ctrl.config.motion import BaseMotion as BaseMotion
+from spsp_ctrl.config.motion import Heading as Heading
+from spsp_ctrl.config.motion import ReferencePlan as ReferencePlan
+from spsp_ctrl.config.motion import Roughness as Roughness
+from spsp_ctrl.config.motion import Sea as Sea
+from spsp_ctrl.config.motion import Sine as Sine
+from spsp_ctrl.config.motion import Spectrum as Spectrum
+from spsp_ctrl.config.motion import Staircase as Staircase
 from spsp_ctrl.config.strict import Strict as Strict
 
 SCENARIO_SCHEMA = "spsp-ctrl/scenario/1"
-Law = Literal["cascade", "stabiliser"]
-
-
-class Sine(Strict):
-    """One sinusoid ``amplitude * sin(2 pi (t - start) / period + phase)``."""
-
-    amplitude_deg: float = Field(ge=-45.0, le=45.0)
-    """Amplitude."""
-    period_s: float = Field(ge=0.5, le=3600.0)
-    """Period."""
-    phase_deg: float = Field(default=0.0, ge=-360.0, le=360.0)
-    """Phase at the start."""
-
-
-class Roughness(Strict):
-    """Small broadband base motion: a seeded sum of sines with random phases in a band."""
-
-    rms_arcmin: float = Field(default=0.0, ge=0.0, le=10.0)
-    """Size of each axis, rms; 0 switches it off."""
-    low_hz: float = Field(default=2.0, gt=0.0, le=20.0)
-    """Lower end of the band."""
-    high_hz: float = Field(default=10.0, gt=0.0, le=50.0)
-    """Upper end of the band."""
-
-    @model_validator(mode="after")
-    def _band(self) -> Roughness:
-        if self.high_hz < self.low_hz:
-            raise ValueError(f"high_hz ({self.high_hz:g}) must not be below low_hz ({self.low_hz:g})")
-        return self
-
-
-Line = tuple[Annotated[float, Field(ge=0.005, le=2.0)], Annotated[float, Field(gt=0.0, le=1e6)]]
-
-
-class Spectrum(Strict):
-    """Motion of one axis in a seaway: spectral lines whose phases are drawn from the seed of the run."""
-
-    rms_deg: float = Field(gt=0.0, le=15.0)
-    """The lines are scaled to this rms."""
-    peak_deg: float = Field(gt=0.0, le=19.0)
-    """Phases are drawn anew until the motion stays below this."""
-    lines: Annotated[tuple[Line, ...], Field(min_length=1, max_length=200)]
-    """Pairs of frequency in Hz and relative amplitude."""
-
-    @model_validator(mode="after")
-    def _possible(self) -> Spectrum:
-        if self.peak_deg < 1.5 * self.rms_deg:
-            raise ValueError(f"peak_deg ({self.peak_deg:g}) must be at least 1.5 times rms_deg ({self.rms_deg:g})")
-        return self
-
-
-class Sea(Strict):
-    """A seaway; it adds to the sines of the axis."""
-
-    pitch: Spectrum | None = None
-    roll: Spectrum | None = None
-
-
-class BaseMotion(Strict):
-    """Motion of the swing table (carrier)."""
-
-    axis_order: Literal["roll_pitch", "pitch_roll"] = "roll_pitch"
-    """``roll_pitch``: R = Rz(yaw) Rx(-roll) Ry(pitch) (outer roll frame); ``pitch_roll``: R = Rz(yaw) Ry(pitch) Rx(-roll)."""
-    start_s: float = Field(default=1.0, ge=0.0, le=3600.0)
-    """When the motion begins."""
-    ramp_s: float = Field(default=2.0, ge=0.1, le=60.0)
-    """The motion grows smoothly from zero over this time, so that the start does not jerk the rig."""
-    pitch: tuple[Sine, ...] = ()
-    """Sines of the pitch axis, added up."""
-    roll: tuple[Sine, ...] = ()
-    """Sines of the roll axis, added up."""
-    yaw: tuple[Sine, ...] = ()
-    """Sines of the yaw axis, added up."""
-    yaw_rate_deg_s: float = Field(default=0.0, ge=-30.0, le=30.0)
-    """Constant turning on top: the carrier turns."""
-    sea: Sea = Sea()
-    """A sea spectrum on top."""
-    roughness: Roughness = Roughness()
-    """Broadband motion on top."""
-
-
-class Heading(Strict):
-    """Heading demand: at ``at_s`` go to ``heading_deg`` and hold it over the ground."""
-
-    at_s: float = Field(ge=0.0)
-    """When the demand is given."""
-    heading_deg: float = Field(ge=-180.0, le=180.0)
-    """Where to."""
-
-
-class Staircase(Strict):
-    """Values commanded one after the other on one axis: the first from the start on, each for ``dwell_s``."""
-
-    axis: Literal["pitch", "roll"] = "roll"
-    values_deg: Annotated[tuple[Annotated[float, Field(ge=-20.0, le=20.0)], ...], Field(min_length=1, max_length=500)]
-    dwell_s: float = Field(gt=0.0, le=3600.0)
-    """From one command to the next, travel included."""
-    move_s: float = Field(default=0.0, ge=0.0, le=600.0)
-    """Time of a smooth move from value to value; 0 is a step."""
-    read_s: float = Field(default=0.2, gt=0.0, le=60.0)
-    """Sensors are read over this time at the end of each dwell."""
-
-    @model_validator(mode="after")
-    def _room(self) -> Staircase:
-        if self.move_s + self.read_s > self.dwell_s:
-            raise ValueError(
-                f"move_s ({self.move_s:g}) and read_s ({self.read_s:g}) do not fit into dwell_s ({self.dwell_s:g})"
-            )
-        return self
-
-
-class ReferencePlan(Strict):
-    """What the platform shall do."""
-
-    kind: Literal["inertial", "joint"] = "inertial"
-    """``inertial``: attitude in space, closed on the IMU; ``joint``: joint angles, closed on the resolvers (open loop)."""
-    pitch_deg: float = Field(default=0.0, ge=-20.0, le=20.0)
-    """Constant pitch."""
-    roll_deg: float = Field(default=0.0, ge=-20.0, le=20.0)
-    """Constant roll."""
-    pitch: tuple[Sine, ...] = ()
-    """Sines of pitch on top, added up."""
-    roll: tuple[Sine, ...] = ()
-    """Sines of roll on top, added up."""
-    start_s: float = Field(default=1.0, ge=0.0, le=3600.0)
-    """When the sines begin."""
-    ramp_s: float = Field(default=2.0, ge=0.1, le=60.0)
-    """They grow smoothly from zero over this time."""
-    staircase: Staircase | None = None
-    """Begins at ``start_s`` with its first value, which also holds before."""
-    heading: tuple[Heading, ...] = (Heading(at_s=0.0, heading_deg=0.0),)
-    """Heading demands in time order."""
-
-    @model_validator(mode="after")
-    def _one_source(self) -> ReferencePlan:
-        stairs = self.staircase
-        if stairs is not None and (getattr(self, stairs.axis) or getattr(self, f"{stairs.axis}_deg")):
-            raise ValueError(f"staircase and {stairs.axis}/{stairs.axis}_deg both command {stairs.axis}; keep one of them")
-        return self
 
 
 class Load(Strict):
@@ -185,91 +58,6 @@ class Park(Strict):
     """Roll joint."""
     azimuth_deg: float = Field(default=0.0, ge=-90.0, le=90.0)
     """Azimuth joint."""
-
-
-class Dropout(Strict):
-    """A signal goes silent for a while (the frames do not arrive)."""
-
-    signal: Literal["imu"] = "imu"
-    """Which signal."""
-    at_s: float = Field(ge=0.0)
-    """When it goes silent."""
-    duration_s: float = Field(gt=0.0, le=3600.0)
-    """For how long."""
-    count: int = Field(default=1, ge=1, le=1000)
-    """How many times."""
-    every_s: float = Field(default=1.0, gt=0.0, le=3600.0)
-    """From the start of one to the start of the next."""
-
-    @model_validator(mode="after")
-    def _apart(self) -> Dropout:
-        if self.count > 1 and self.every_s <= self.duration_s:
-            raise ValueError(f"every_s ({self.every_s:g}) must be above duration_s ({self.duration_s:g})")
-        return self
-
-    @property
-    def spans_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each silence."""
-        starts = (self.at_s + k * self.every_s for k in range(self.count))
-        return tuple((start, start + self.duration_s) for start in starts)
-
-
-class Acceptance(Strict):
-    """One row of the verdict: a figure of the summary against bounds.
-
-    In an experiment the row is judged on every run it applies to (all repeats, the named law and variants, all of them when none is named), and the
-    worst value counts. ``across`` with ``order`` turns it into a shape claim: the figure must rise or fall from variant to variant by ``margin``.
-    """
-
-    name: str
-    """What the row is called in tables."""
-    value: str
-    """Dotted path in ``summary.json``, e.g. ``error_arcmin.pitch.imu_max``."""
-    limit: float | None = Field(default=None, ge=0.0)
-    """Bound of the magnitude."""
-    min: float | None = None
-    max: float | None = None
-    unit: str = ""
-    paper: str = ""
-    """What the paper states, in its words or numbers."""
-    requirement: str = ""
-    """What the paper requires of the machine, where that differs."""
-    note: str = ""
-    law: Law | None = None
-    variant: str | tuple[str, ...] = ()
-    motion: str = ""
-    """One of `motions`; all of them when absent."""
-    relative_to: str = ""
-    """A variant: the figure is divided by that variant's and given in per cent."""
-    across: tuple[str, ...] = ()
-    """Variants in order."""
-    order: Literal["rising", "falling"] = "rising"
-    margin: float = Field(default=0.0, ge=0.0)
-    """Smallest step from one of ``across`` to the next."""
-
-    @model_validator(mode="after")
-    def _bounded(self) -> Acceptance:
-        given = [name for name in ("limit", "min", "max") if getattr(self, name) is not None]
-        if self.across:
-            if given or len(self.across) < 2:
-                raise ValueError("a row with `across` names at least two variants and has `order` and `margin` instead of limit, min or max")
-        elif not given:
-            raise ValueError("a row needs a bound: limit (of the magnitude), min or max")
-        elif "limit" in given and len(given) > 1:
-            raise ValueError("give either limit (of the magnitude) or min and max")
-        elif self.min is not None and self.max is not None and self.min > self.max:
-            raise ValueError(f"min ({self.min:g}) must not be above max ({self.max:g})")
-        return self
-
-    @property
-    def variants(self) -> tuple[str, ...]:
-        """Variants it applies to; empty means all."""
-        if isinstance(self.variant, tuple):
-            return self.variant
-        return (self.variant,)
-
-
-AcceptanceRows = Annotated[tuple[Acceptance, ...], Field(max_length=80)]
 
 
 class Repeats(Strict):
@@ -398,6 +186,9 @@ class Scenario(Strict):
     temperature: Temperature = Temperature()
     """Surroundings."""
     dropouts: tuple[Dropout, ...] = ()
+    """Silences of the IMU."""
+    faults: Annotated[tuple[Injection, ...], Field(max_length=100)] = ()
+    """Named faults of signals, on a timeline."""
     bench: Bench | None = None
     laws: tuple[Law, ...] = ()
     """Laws to run with; the rig file's own when empty."""

@@ -30,12 +30,17 @@ class Gate(IntEnum):
     """Drives disabled: observers run, integrators are held at zero, so that arming does not jump."""
     STOP = 1
     """Brake to standstill with the drives enabled."""
-    ALIGN = 2
+    SLOW = 2
+    """The same at ``SLOW_SHARE`` of the acceleration limits."""
+    HOME = 3
+    """Rods stand; azimuth turns at the heading rate of the reference."""
+    ALIGN = 4
     """Go to the reference at a limited platform rate."""
-    ACTIVE = 3
+    ACTIVE = 5
 
 
-OFF, ALIGN = int(Gate.OFF), int(Gate.ALIGN)
+OFF, SLOW, HOME, ALIGN = int(Gate.OFF), int(Gate.SLOW), int(Gate.HOME), int(Gate.ALIGN)
+SLOW_SHARE = 0.25
 _new = tuple.__new__
 
 
@@ -107,6 +112,11 @@ def _attitude(
 
 def _clip(value: float, limit: float) -> float:
     return limit if value > limit else -limit if value < -limit else value
+
+
+def _eased(value: float, change: float) -> float:
+    """``value`` brought towards zero by ``change``."""
+    return value - change if value > change else value + change if value < -change else 0.0
 
 
 STANDSTILL_M_S = 0.4e-3
@@ -405,6 +415,14 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
                 lead1, lead2, gate,
             )
             azimuth_ff, azimuth_wanted = r.heading_rate_rad_s, heading_rate
+    elif gate == HOME:
+        azimuth_ff = azimuth_wanted = r.heading_rate_rad_s
+    elif gate == SLOW:
+        change = SLOW_SHARE * p.rod_accel_m_s2 * dt
+        wanted = _NOTHING._replace(
+            rod_pitch_m_s=_eased(state.axis_pitch.rod_speed, change), rod_roll_m_s=_eased(state.axis_roll.rod_speed, change)
+        )
+        azimuth_wanted = _eased(state.azimuth_rate, SLOW_SHARE * p.azimuth_accel_rad_s2 * dt)
 
     gravity1 = gravity2 = 0.0
     if p.gap is not None:

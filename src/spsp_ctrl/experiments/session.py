@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,9 @@ from spsp_ctrl.runtime import cycle
 from spsp_ctrl.runtime.clock import LockStepClock, MonotonicClock
 from spsp_ctrl.runtime.identity import law_digest, versions
 from spsp_ctrl.runtime.loop import CycleRecorder, Interrupts, LoopResult, Operator, Policy, StatusSink, run_loop
+from spsp_ctrl.runtime.operator import SOCKET_NAME, Operators, SocketOperator
 from spsp_ctrl.runtime.realtime import RealTime, Wishes, degraded
+from spsp_ctrl.safety.faults import BY_ID
 
 LOG_NAME = "run.mcap"
 
@@ -156,8 +159,10 @@ def run_session(
     folder: Path,
     watcher: Watcher | None = None,
     announce: Callable[[str], None] = lambda text: None,
+    *,
+    listen: bool = False,
 ) -> SessionResult:
-    """Run the scenario on an opened rig, record it into ``folder`` and summarise it."""
+    """Run the scenario on an opened rig, record it into ``folder`` and summarise it. ``listen``: take requests on a socket in the folder."""
     config, scenario = plan.config, plan.scenario
     period_ns = round(1e9 / config.rate_hz)
     identity = rig.open()
@@ -205,6 +210,8 @@ def run_session(
     controller = cycle.controller(config)
     state = cycle.start(config, scenario.reference)
     announce(f"running {scenario.name} for {scenario.duration_s:g} s ({mode})")
+    channel = SocketOperator(folder / SOCKET_NAME) if listen else None
+    sources = [source for source in (watcher.operator if watcher else None, channel) if source is not None]
     realtime = RealTime(wishes(asked) if plan.real_time and asked.enabled else None)
     if plan.real_time and asked.enabled and asked.cpu is not None:
         keep_off(recorder.pid, asked.cpu)
@@ -223,16 +230,19 @@ def run_session(
                 state,
                 round(scenario.duration_s * 1e9),
                 watched,
-                watcher.operator if watcher else None,
+                Operators(sources) if sources else None,
                 watcher.status if watcher else None,
                 interrupts,
                 config.rate_hz,
+                outside=partial(seen_outside, rig, recorder),
                 policy=Policy(plan.real_time and asked.on_miss == "stop", asked.on_log_failure == "stop"),
                 log_problem=lambda: recorder.problem,
             )
     finally:
         rig.stop()
         rig.close()
+        if channel is not None:
+            channel.close()
         recorder.metadata("result", {"realtime_granted": json.dumps(realtime.granted)})
         stats = recorder.close()
     log, stats = _read_back(folder / LOG_NAME, stats)
@@ -247,6 +257,20 @@ def run_session(
             (folder / "summary.json").unlink()
         stderr(f"{folder / 'summary.json'}: cannot be written: {error.strerror}")
     return SessionResult(folder, summary, log, result)
+
+
+_BUS_OFF = BY_ID["bus-off"]
+_TROUBLES = {"bus-off": _BUS_OFF, "unplugged": _BUS_OFF, "down": _BUS_OFF, "queue-full": BY_ID["queue-full"]}
+
+
+def seen_outside(rig: Rig, recorder: Recorder) -> int:
+    """Number of a fault that no measurement shows: of the transport (a rig on a bus tells it as ``trouble``), or records lost by the log; else 0."""
+    trouble = getattr(rig, "trouble", None)
+    fault = _TROUBLES.get(str(trouble() if trouble is not None else ""))
+    if fault is not None:
+        return fault.number
+    _, lost = recorder.counts()
+    return BY_ID["log-backlog"].number if lost else 0
 
 
 def wishes(asked: RealTimeConfig) -> Wishes:

@@ -150,6 +150,28 @@ class TargetProfile(NamedTuple):
         )
         return self._replace(pieces=pieces, starts_s=tuple(piece.start_s for piece in pieces))
 
+    def relative_to(self, t_s: float, position: float, rate: float) -> TargetProfile:
+        """The same motion seen from a frame that is at ``position`` at ``t_s`` and moves at ``rate``."""
+        start = t_s if self.starts_s[0] == float("-inf") and rate else None
+        pieces = self.pieces
+        if start is not None:
+            # a rest since ever has no place in a moving frame: it begins a window before anything that is still asked for
+            first = min(t_s, self.starts_s[1] if len(self.starts_s) > 1 else t_s) - 2.0 * self.smoothing_s
+            pieces = (pieces[0]._replace(start_s=first), *pieces[1:])
+        moved = tuple(
+            piece._replace(
+                position=piece.position - position - (rate * (piece.start_s - t_s) if rate else 0.0), rate=piece.rate - rate
+            )
+            for piece in pieces
+        )
+        return self._replace(pieces=moved, starts_s=tuple(piece.start_s for piece in moved))
+
+
+def stopping(profile: TargetProfile, t_s: float) -> float:
+    """Where a profile would come to rest if it braked from ``t_s`` on."""
+    position, rate = profile.trapezoid(t_s)
+    return position + rate * abs(rate) / (2.0 * profile.accel_limit)
+
 
 def _trapezoid(
     t_s: float, position: float, rate: float, target: float, rate_limit: float, accel_limit: float

@@ -214,6 +214,7 @@ OPERATOR_SCHEMA = {
         "verb": {"type": "string"},
         "value": {"type": "number"},
         "source": {"type": "string"},
+        "rate": {"type": "number"},
     },
     "required": ["stamp_ns", "verb", "value", "source"],
 }

@@ -19,10 +19,20 @@ def build_rig(
     real_time: bool,
     announce: Callable[[str], None] = lambda text: None,
 ) -> Rig:
-    """The rig that ``config.rig`` describes. Raises ``ConfigError`` for a bad model file, ``RigError`` when it cannot run like this.
+    """The rig that ``config.rig`` describes, with the ``faults:`` of the scenario at its seam. Raises ``ConfigError`` for a bad model file,
+    ``RigError`` when it cannot run like this.
 
     ``announce`` is told what takes long, once every file has been judged.
     """
+    rig = _build(config, model_path, scenario, seed, real_time, announce)
+    if scenario.faults:
+        from spsp_ctrl.rig.injection import InjectedRig
+
+        rig = InjectedRig(rig, scenario.faults, seed)
+    return rig
+
+
+def _build(config: RigConfig, model_path: Path, scenario: Scenario, seed: int, real_time: bool, announce: Callable[[str], None]) -> Rig:
     driver = config.rig
     if isinstance(driver, BusDriver) and driver.world != "in_process":
         from spsp_ctrl.rig.wires import open_wires

@@ -15,7 +15,7 @@ from spsp_ctrl.messages import Command, Control, Measurement, Mode, OperatorRequ
 from spsp_ctrl.rig.base import Rig
 from spsp_ctrl.runtime.clock import Clock
 from spsp_ctrl.runtime.cycle import Controller, CycleState, step
-from spsp_ctrl.safety.faults import BY_ID, BY_NUMBER
+from spsp_ctrl.safety.faults import BY_ID, BY_NUMBER, FAULTS, Reaction
 from spsp_ctrl.safety.steps import LOST as STEPS_LOST
 from spsp_ctrl.safety.steps import Means
 
@@ -116,13 +116,15 @@ def run_loop(
     interrupts: Interrupts | None = None,
     rate_hz: int = 1000,
     *,
+    outside: Callable[[], int] = lambda: 0,
     policy: Policy = GO_ON,
     log_problem: Callable[[], str] | None = None,
 ) -> LoopResult:
     """Run until ``duration_ns`` of control time has passed, then stop under control. Every exception ends in ``rig.stop()``.
 
     ``log_problem`` is asked now and then what is wrong with the log (empty: nothing).
-    After the duration (or an interrupt) the platform is braked and disabled before the loop returns.
+    After the duration (or an interrupt) the platform is braked and disabled before the loop returns. ``outside`` is asked as often as the operator
+    for the number of a fault that no measurement shows (0: none); it enters as a request, so that the log has it and a replay too.
     """
     period_ns = round(1e9 / rate_hz)
     operator_every = max(1, rate_hz // OPERATOR_HZ)
@@ -132,6 +134,9 @@ def run_loop(
     mode = -1
     law_step = 0
     step_alarms = 0
+    seen_outside = 0
+    notes = 0
+    ready = False
     last_ns = -period_ns
     ending = ""
     log_failed = False
@@ -156,6 +161,12 @@ def run_loop(
             requests: tuple[OperatorRequest, ...] = ()
             if operator is not None and cycle % operator_every == 0:
                 requests = operator.poll(now_ns)
+            if cycle % operator_every == 0:
+                number = outside()
+                if number != seen_outside:
+                    seen_outside = number
+                    if number:
+                        requests = (*requests, OperatorRequest(now_ns, "fault", float(number), "loop"))
             if not ending:
                 if interrupts.count:
                     ending = "interrupted"
@@ -199,7 +210,11 @@ def run_loop(
                 how = "heading against count" if state.steps.means == Means.HEADING else "zero switch"
                 text = f"{STEPS_LOST.text} (seen by {how}, {degrees(abs(state.steps.size_rad)):.2f} deg). Check: {STEPS_LOST.check}"
                 event("warning", STEPS_LOST.id, text, now_ns)
+            if state.said & ~notes:
+                notes |= state.said
+                _report_notes(event, state.said, now_ns, started=ready)
             if control.mode != mode:
+                ready = ready or control.mode == Mode.READY
                 _report_mode(event, mode, control)
                 mode = control.mode
             timing: Timing = _new(
@@ -247,11 +262,21 @@ def run_loop(
     return result
 
 
+_HOLDS = tuple(f for f in FAULTS if f.reaction == Reaction.HOLD)
+
+
+def _report_notes(event: Callable[[str, str, str, int], None], said: int, stamp_ns: int, *, started: bool) -> None:
+    """Faults that do not stop the run, once each; what is still missing while the rig starts is no news."""
+    for fault in _HOLDS:
+        if started and said >> fault.number & 1:
+            event("warning", fault.id, f"{fault.text}. Check: {fault.check}", stamp_ns)
+
+
 def _report_mode(event: Callable[[str, str, str, int], None], before: int, control: Control) -> None:
     name = Mode(control.mode).name
     if control.fault and control.mode in (Mode.FAULT, Mode.STOPPING):
         fault = BY_NUMBER[control.fault]
-        event("error", fault.id, f"{name}: {fault.text}. Check: {fault.check}", control.stamp_ns)
+        event("error", fault.id, f"{name}: {fault.text}. Likely: {fault.causes}. Check: {fault.check}", control.stamp_ns)
     else:
         text = name if before < 0 else f"{Mode(before).name} -> {name}"
         event("info", "mode", text, control.stamp_ns)
