@@ -30,12 +30,12 @@ SUBSTEP_S = 200e-6
 STEP_GAIN_1_S = 10.0
 UNITS = {
     **{f"{c}.{a}": unit for c, unit in (("current", "A"), ("drive", "A"), ("resolver", "rad")) for a in AXES},
-    "imu.pitch": "rad", "imu.roll": "rad", "imu.heading": "rad", "gyro.x": "rad/s", "gyro.y": "rad/s", "gyro.z": "rad/s", "latency.imu": "s",
+    "imu.pitch": "rad", "imu.roll": "rad", "imu.heading": "rad", "gyro.x": "rad/s", "gyro.y": "rad/s", "gyro.z": "rad/s"
 }  # fmt: skip
-STAGES = {"current": "drive", "drive": "drive", "resolver": "sensors", "imu": "mechanism", "gyro": "sensors", "latency": "sensors"}
+STAGES = {"current": "drive", "drive": "drive", "resolver": "sensors", "imu": "mechanism", "gyro": "sensors"}
 WHERE = {
     **{f"{c}.{a}": a for c in ("current", "drive", "resolver") for a in AXES},
-    "imu.pitch": "pitch", "imu.roll": "roll", "imu.heading": "azimuth", "gyro.x": "imu", "gyro.y": "imu", "gyro.z": "imu", "latency.imu": "imu",
+    "imu.pitch": "pitch", "imu.roll": "roll", "imu.heading": "azimuth", "gyro.x": "imu", "gyro.y": "imu", "gyro.z": "imu"
 }  # fmt: skip
 _AT = {name: k for k, name in enumerate(TRACKED)}
 _NOISY = ("imu_noise_rad", "imu_step_rad", "gyro_noise_rad_s", "gyro_step_rad_s", "imu_drift_rad")
@@ -73,9 +73,9 @@ class PlatformReplica:
 
     def residuals(self, p: Array) -> dict[str, Array]:
         """Simulated minus measured, by channel, at their rates, without the start."""
-        return self.compare(self.run(p), p)
+        return self.compare(self.run(p))
 
-    def compare(self, y: Array, p: Array) -> dict[str, Array]:
+    def compare(self, y: Array) -> dict[str, Array]:
         """The same from outputs."""
         m, out = self.measured, {}
         for axis in AXES:
@@ -97,7 +97,6 @@ class PlatformReplica:
         out["imu.heading"] = _wrapped(shown["heading"] - m["imu_yaw"])
         for c in "xyz":
             out[f"gyro.{c}"] = np.interp(at, grid, y[:, _AT[f"gyro_{c}"]]) - m[f"gyro_{c}"]
-        out["latency.imu"] = p[G.imu_delay_s] + p[G.imu_added_delay_s] - m["latency"]
         return out
 
     def _carried(self, y: Array) -> tuple[Array, Array]:
@@ -118,10 +117,16 @@ class PlatformReplica:
         half = max(1, round(0.004 * self.record.rate_hz))
         return smooth(pitch, half), -smooth(roll, half)
 
+    def rates(self) -> dict[str, float]:
+        """Samples per second of each channel."""
+        frames = 1.0 / float(np.median(np.diff(self.frames))) * self.record.rate_hz
+        hz = {"current": SLOW_HZ, "drive": FAST_HZ, "resolver": FAST_HZ}
+        return {c: self.record.rate_hz / self._every(hz[k]) if (k := c.split(".")[0]) in hz else frames for c in self.channels}
+
     def rows(self, channel: str) -> Array:
         """Row of the record in the middle of each residual of a channel."""
         kind = channel.split(".")[0]
-        if kind in ("imu", "gyro", "latency"):
+        if kind in ("imu", "gyro"):
             return self.frame_rows
         every = self._every(SLOW_HZ if kind == "current" else FAST_HZ)
         n = (len(self.inputs) - self.skip) // every
