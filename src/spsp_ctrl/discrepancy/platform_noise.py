@@ -15,9 +15,9 @@ from spsp_ctrl.discrepancy.whitening import Split, robust_rms
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.layout import G
 
-CLIP = 8.0
-"""A residual beyond so many rms counts as if it were there."""
-KEEP_HZ = {"current": 25.0, "drive": 125.0, "resolver": 100.0, "imu": 50.0, "gyro": 60.0}
+SPIKE = 12.0
+"""A sample this many rms away from its neighbours is a bad reading."""
+KEEP_HZ = {"current": 25.0, "drive": 125.0, "resolver": 100.0, "imu": 50.0, "imu.heading": 2.0, "gyro": 60.0, "gyro.z": 5.0}
 """Frequencies above are not looked at."""
 SPREAD, LEAST = 0.15, 4
 """Spectra are averaged over this share of the frequency to either side, and at least so many lines."""
@@ -56,9 +56,9 @@ class Spectrum:
 
 
 def spectrum(values: Array, rate_hz: float) -> Spectrum:
-    """From one record; each channel is cut at ``CLIP`` times its rms first."""
+    """From one record, without its spikes."""
     level = max(robust_rms(values), 1e-15)
-    lines = cosine_transform(np.clip(values, -CLIP * level, CLIP * level))
+    lines = cosine_transform(bridged(values, spikes(values)))
     hz = np.arange(len(lines)) * rate_hz / (2.0 * len(lines))
     return Spectrum(hz, averaged(lines * lines) + 1e-6 * level * level)
 
@@ -75,11 +75,12 @@ class Whitener:
 
     scale: dict[str, Array]
     """One over the deviation, for the lines that are looked at."""
-    limit: dict[str, float]
+    spikes: dict[str, Array]
+    """Samples that a bad reading has spoilt, known from the log: they are bridged, whatever the model says."""
 
     def apply(self, residuals: Mapping[str, Array]) -> Array:
         """All channels in one vector."""
-        return np.concatenate([cosine_transform(np.clip(residuals[c], -self.limit[c], self.limit[c]))[: len(s)] * s for c, s in self.scale.items()])
+        return np.concatenate([cosine_transform(bridged(residuals[c], self.spikes[c]))[: len(s)] * s for c, s in self.scale.items()])
 
     def parts(self, whole: Array) -> dict[str, Array]:
         """A vector by channel again."""
@@ -90,17 +91,34 @@ class Whitener:
         return out
 
 
+def spikes(values: Array) -> Array:
+    """Samples that stand alone, far from the four around them."""
+    if len(values) < 5:
+        return np.zeros(len(values), bool)
+    padded = np.concatenate([values[:1], values[:1], values, values[-1:], values[-1:]])
+    off = values - np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+    return np.asarray(np.abs(off) > SPIKE * max(robust_rms(off), 1e-15))
+
+
+def bridged(values: Array, bad: Array) -> Array:
+    """Bad samples replaced by the straight line between good ones."""
+    if not bad.any():
+        return values
+    k = np.arange(len(values))
+    return np.where(bad, np.interp(k, k[~bad], values[~bad]), values)
+
+
 def whitener(residuals: Split, rates: Mapping[str, float], noise: Mapping[str, Spectrum], p: Array, copies: float) -> Whitener:
     """For records of these residuals. ``copies``: 1 for a log, 2 for the difference of two."""
-    scale, limit = {}, {}
+    scale, bad = {}, {}
     for c, r in residuals.items():
         n, rate = len(r), rates[c]
         hz = np.arange(n) * rate / (2.0 * n)
-        keep = hz <= KEEP_HZ[c.split(".")[0]]
+        keep = hz <= KEEP_HZ.get(c, KEEP_HZ[c.split(".")[0]])
         variance = noise[c].at(hz[keep]) + wander(c, hz[keep], n, rate, p)
         scale[c] = 1.0 / np.sqrt(copies * variance)
-        limit[c] = 3.0 * CLIP * max(robust_rms(r), 1e-12)
-    return Whitener(scale, limit)
+        bad[c] = spikes(r)
+    return Whitener(scale, bad)
 
 
 def wander(channel: str, hz: Array, n: int, rate_hz: float, p: Array) -> Array:

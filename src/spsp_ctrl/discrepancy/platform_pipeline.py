@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, cast
 
@@ -58,6 +59,11 @@ class PlatformTask:
     jobs: int = 1
 
 
+def label(record: PlatformRecord) -> str:
+    """What a log is called in the answer: every run folder holds a ``run.mcap``."""
+    return record.path.name if record.path.name != "run.mcap" else f"{record.path.absolute().parent.name}/{record.path.name}"
+
+
 def _replay_of(path: Path) -> tuple[float, int, bool]:
     return replayed(load_platform(path))
 
@@ -68,12 +74,12 @@ def _gates(task: PlatformTask, model: PlantModel, tick: Callable[[str], None]) -
     replicas: dict[Path, PlatformReplica] = {}
     records = [*task.logs, *task.commissioning, *task.held_out]
     for record in records:
-        gates[record.path.name if record.path.name not in gates else str(record.path)] = judge_values(record)
+        gates[label(record)] = judge_values(record)
     if any(g.problems for g in gates.values()):
         return gates, replicas
     results: Sequence[tuple[float, int, bool]]
     if task.jobs > 1 and len(records) > 1:
-        with ProcessPoolExecutor(task.jobs) as pool:
+        with ProcessPoolExecutor(task.jobs, mp_context=get_context("spawn")) as pool:
             results = list(pool.map(_replay_of, [r.path for r in records]))
     else:
         results = []
@@ -139,7 +145,7 @@ def diagnose_platform(task: PlatformTask, new_model: Path, tick: Callable[[str],
     if bad is not None:
         return Diagnosis("not-understood", f"{bad[0]}: {bad[1].problems[0]}", "weak", gates)
     logs, commissioning, held_out = ([replicas[r.path] for r in group] for group in (task.logs, task.commissioning, task.held_out))
-    prints = {r.path.name: r.fingerprint() for r in (*task.logs, *task.commissioning, *task.held_out)}
+    prints = {label(r): r.fingerprint() for r in (*task.logs, *task.commissioning, *task.held_out)}
     p = model.parameters()
     reference, sigma = p, NOMINAL_SIGMA
     quality: floors.Quality = "weak"
@@ -153,7 +159,7 @@ def diagnose_platform(task: PlatformTask, new_model: Path, tick: Callable[[str],
             left = bench.residuals(p)
             white = whitener(left, rates, noise, p, 1.0)
             one = PlatformSearch(bench, bench, white, white, lambda p, z: [], names.nominal_variables(p, reference, sigma), task.jobs, tick)
-            p = one.fit(p, one.nominal, 1).p
+            p = one.fit(p, one.nominal, 1, last=False).p
             tick("floor")
             left = bench.residuals(p)
             noise = {c: spectrum(r, rates[c]) for c, r in left.items()}

@@ -7,7 +7,7 @@ motion, ``imu.heading`` what the IMU shows beyond steps, base and gear.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import pi
 
 import numpy as np
@@ -25,8 +25,8 @@ SETTLE_S = 1.0
 """Left out at the start: the state of gaps and bristles there is a guess."""
 SLOW_HZ, FAST_HZ = 50.0, 250.0
 """Rates to which channels are averaged: currents; motor angles."""
-SUBSTEP_S = 200e-6
-"""Integration step while fitting: twice that of the plant."""
+SUBSTEP_S = 250e-6
+"""Integration step while fitting: coarser than that of the plant; halving it changes no channel by more than its floor."""
 STEP_GAIN_1_S = 10.0
 UNITS = {
     **{f"{c}.{a}": unit for c, unit in (("current", "A"), ("drive", "A"), ("resolver", "rad")) for a in AXES},
@@ -38,6 +38,7 @@ WHERE = {
     "imu.pitch": "pitch", "imu.roll": "roll", "imu.heading": "azimuth", "gyro.x": "imu", "gyro.y": "imu", "gyro.z": "imu"
 }  # fmt: skip
 _AT = {name: k for k, name in enumerate(TRACKED)}
+_AZIMUTH = [i for name, i in zip(G._fields, G, strict=True) if name.startswith("az_") or name == "carrier_izz_kg_m2"]
 _NOISY = ("imu_noise_rad", "imu_step_rad", "gyro_noise_rad_s", "gyro_step_rad_s", "imu_drift_rad")
 
 
@@ -56,6 +57,8 @@ class PlatformReplica:
     """Place of each IMU frame on the rows, by its stamp."""
     frame_rows: Array
     skip: int
+    azimuths: dict[bytes, Array] = field(default_factory=dict, repr=False)
+    """What was simulated of the azimuth already."""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -69,7 +72,19 @@ class PlatformReplica:
             q[getattr(G, name)] = 0.0
         rate = self.record.rate_hz
         q[G.imu_rate_hz] = rate  # looked at in every cycle, read off at the stamps of the frames
-        return run_along(q, self.inputs, self.commands, self.targets, self.gains, max(1, round(1.0 / rate / SUBSTEP_S)), 1.0 / rate)
+        substeps = max(1, round(1.0 / rate / SUBSTEP_S))
+        y = run_along(q, self.inputs, self.commands, self.targets, self.gains, substeps, 1.0 / rate, True)
+        y[:, _AT["imu_yaw"]] = np.unwrap(y[:, _AT["imu_yaw"]]) + self.azimuth_off(q, substeps)
+        return y
+
+    def azimuth_off(self, q: Array, substeps: int) -> Array:
+        """How far steps, gear and bearing leave the azimuth from where it was: simulated apart, once for each set of their numbers."""
+        key = q[_AZIMUTH].tobytes()
+        if key not in self.azimuths:
+            rate = self.record.rate_hz
+            y = run_along(q, self.inputs, self.commands, self.targets, self.gains, substeps, 1.0 / rate, False)
+            self.azimuths[key] = y[:, _AT["azimuth"]] - self.targets[:, 9]
+        return self.azimuths[key]
 
     def residuals(self, p: Array) -> dict[str, Array]:
         """Simulated minus measured, by channel, at their rates, without the start."""
@@ -184,7 +199,42 @@ def platform_replica(model: PlantModel, record: PlatformRecord) -> PlatformRepli
     skip = max(2, round(SETTLE_S * rate))
     _frames(record, measured, skip)
     frames, rows = measured.pop("frames"), measured.pop("frame_rows")
+    targets[:, 9], targets[:, 10] = azimuth_of(p, inputs, targets, frames, measured, rate)
     return PlatformReplica(model, record, inputs, commands, targets, gains, measured, frames, np.asarray(rows, np.int64), skip)
+
+
+def azimuth_of(p: Array, inputs: Array, targets: Array, frames: Array, measured: dict[str, Array], rate_hz: float) -> tuple[Array, Array]:
+    """Azimuth joint and its rate as the IMU saw them, from its heading, the base and the joints by the rods; lag taken off, rattle above 10 Hz smoothed."""
+    n = len(inputs)
+    pitch, roll = joints_of(p, targets)
+    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    forward = np.stack([cp, np.zeros(n), -sp], axis=1)  # image of the platform's x axis before the azimuth turns it: Ry Rx(-roll) leaves y out
+    step = targets[:, 4] / p[G.az_gear_ratio]
+    c, s = np.cos(step), np.sin(step)
+    turned = np.stack([c * forward[:, 0], s * forward[:, 0], forward[:, 2]], axis=1)
+    rotation = inputs[:, :9].reshape(n, 3, 3)
+    expected = np.einsum("nij,nj->ni", rotation, turned)
+    heading = np.unwrap(np.arctan2(expected[:, 1], expected[:, 0]))
+    grid = np.arange(n, dtype=np.float64)
+    lag = float(p[G.imu_attitude_lag_s]) * rate_hz
+    off = _wrapped(measured["imu_yaw"] - np.interp(frames - lag, grid, heading))
+    off -= float(p[G.imu_yaw_bias_rad])
+    azimuth = step + np.interp(grid, frames - lag, np.unwrap(off)) / 1.0
+    return derivatives(azimuth, rate_hz, 0.05)[:2]
+
+
+def joints_of(p: Array, targets: Array) -> tuple[Array, Array]:
+    """Pitch and roll joint from the motor angles alone, without gap and load (Eqs 9 and 10 solved for the angles)."""
+    r, h = float(p[G.hinge_radius_m]), float(p[G.column_height_m])
+    rods = []
+    for k in range(2):
+        b = k * N_AXIS_PARAMETERS
+        rods.append(h + targets[:, 2 * k] * p[b + A.screw_lead_m] / (2.0 * pi * p[b + A.gear_ratio]) + p[b + A.zero_offset_m])
+    square = 2.0 * r * r + h * h
+    pitch = np.arctan2(h, r) - np.arccos((square - rods[0] ** 2) / (2.0 * r * np.hypot(r, h)))
+    hp = h * np.cos(pitch)
+    roll = np.arctan2(hp, r) - np.arccos((square - rods[1] ** 2) / (2.0 * r * np.hypot(r, hp)))
+    return pitch, roll
 
 
 def counted(record: PlatformRecord) -> Array:

@@ -126,8 +126,8 @@ class PlatformSearch:
             steps.append(step)
         return np.stack([(after - z) / s for after, s in zip(self.many(points), steps, strict=True)], axis=1) if points else np.zeros((len(z), 0))
 
-    def fit(self, p: Array, variables: Sequence[Variable], steps: int, known: dict[str, Array] | None = None) -> Fit:
-        """Levenberg-Marquardt with bounds and priors. ``known``: columns by name of variable that are taken as given."""
+    def fit(self, p: Array, variables: Sequence[Variable], steps: int, known: dict[str, Array] | None = None, last: bool = True) -> Fit:
+        """Levenberg-Marquardt with bounds and priors. ``known``: columns by name of variable that are taken as given; ``last``: columns at the end too."""
         variables, known = tuple(variables), known or {}
         p = place(p, variables, values_of(p, variables))
         z = self.z(p)
@@ -141,8 +141,10 @@ class PlatformSearch:
         for k, v in enumerate(variables):
             if v.name in known:
                 jacobian[:, k] = known[v.name]
+        if not variables:
+            return Fit(p, variables, z, jacobian, np.zeros((0, 0)))
         normal = np.zeros((len(variables), len(variables)))
-        for step in range(steps + 1):
+        for step in range(steps + last):
             jacobian[:, fresh] = self.differences(p, variables, fresh, z)
             normal = jacobian.T @ jacobian + np.diag(weight)
             right = jacobian.T @ z + weight * (at - mean)

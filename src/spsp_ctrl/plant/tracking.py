@@ -18,22 +18,25 @@ from spsp_ctrl.plant.layout import N_AXIS_PARAMETERS, N_AXIS_STATE, N_OUTPUT, N_
 from spsp_ctrl.plant.stages.mechanism import prepare, to_platform
 from spsp_ctrl.plant.stages.transmission import free_travel
 
-TARGETS = ("pitch_angle", "pitch_speed", "roll_angle", "roll_speed", "step_angle", "screw_pitch_c", "screw_roll_c", "column_c", "frame_c")
-"""Columns of what is followed, one row for each SYNC: motor side in rad and rad/s, degC."""
+TARGETS = ("pitch_angle", "pitch_speed", "roll_angle", "roll_speed", "step_angle", "screw_pitch_c", "screw_roll_c", "column_c", "frame_c",
+           "azimuth", "azimuth_rate")  # fmt: skip
+"""Columns of what is followed, one row for each SYNC: motor side in rad and rad/s, degC; the azimuth joint where it is led."""
 TRACKED = (
     "command_pitch", "command_roll", "current_pitch", "current_roll", "motor_pitch", "motor_roll", "imu_roll", "imu_pitch", "imu_yaw", "gyro_x",
-    "gyro_y", "gyro_z", "joint_pitch", "joint_roll", "step_angle",
+    "gyro_y", "gyro_z", "joint_pitch", "joint_roll", "azimuth",
 )  # fmt: skip
-"""Columns of the outcome at each SYNC, A, rad and rad/s: command in force, current, motor as the resolver reads it, IMU, true joints, step count."""
+"""Columns of the outcome at each SYNC, A, rad and rad/s: command in force, current, motor as the resolver reads it, IMU, true joints."""
 N_TRACKED = len(TRACKED)
 
 
 @entry
 def track(
-    x: Array, p: Array, u: Array, commands: Array, targets: Array, gains: Array, y: Array, out: Array, w: Array, substeps: int, period: float
-) -> None:
+    x: Array, p: Array, u: Array, commands: Array, targets: Array, gains: Array, y: Array, out: Array, w: Array, substeps: int, period: float,
+    led: bool,
+) -> None:  # fmt: skip
     """Fill ``y`` (n, ``N_TRACKED``) from state ``x`` at the first SYNC. ``commands[k]`` acts from SYNC k on; ``u`` and ``targets`` have n rows.
 
+    ``led``: the azimuth joint moves as in ``targets``, for its gear rattles in its play and no two simulations of that agree; else it is driven.
     ``gains``: position gain in 1/s and speed gain in A s/rad of either motor, gain of the step count in 1/s, step of one count in rad.
     """
     n = y.shape[0]
@@ -53,14 +56,20 @@ def track(
             command[C.pitch_current + axis * (C.roll_current - C.pitch_current)] += gains[2 * axis + 1] * (
                 gains[2 * axis] * (t[2 * axis] - reading) + t[2 * axis + 1] - x[xb + X.speed]
             )
-        behind = t[4] - x[S.step_angle]
+        if led:
+            gear = p[G.az_gear_ratio]
+            x[S.azimuth], x[S.azimuth_rate] = t[9], t[10]
+            x[S.rotor_angle], x[S.rotor_rate] = t[9] * gear, t[10] * gear
+            x[S.step_angle], x[S.step_rate] = t[9] * gear, t[10] * gear
+            command[C.azimuth_rate] = t[10]
+        behind = 0.0 if led else t[4] - x[S.step_angle]
         if behind > gains[5] or behind < -gains[5]:
             command[C.azimuth_rate] += gains[4] * behind / p[G.az_gear_ratio]
         y[k, 0], y[k, 1] = command[C.pitch_current], command[C.roll_current]
         y[k, 2], y[k, 3] = x[X.current], x[x1 + X.current]
         for j in range(6):
             y[k, 6 + j] = out[O.imu_roll + j]
-        y[k, 12], y[k, 13], y[k, 14] = x[S.pitch], x[S.roll], x[S.step_angle]
+        y[k, 12], y[k, 13], y[k, 14] = x[S.pitch], x[S.roll], x[S.azimuth]
         if k + 1 < n:
             x[X.screw_temperature], x[x1 + X.screw_temperature] = t[5], t[6]
             x[S.column_temperature], x[S.frame_temperature] = t[7], t[8]
@@ -98,10 +107,10 @@ def state_at(p: Array, u: Array, target: Array) -> Array:
     return x
 
 
-def run_along(p: Array, u: Array, commands: Array, targets: Array, gains: Array, substeps: int, period: float) -> Array:
+def run_along(p: Array, u: Array, commands: Array, targets: Array, gains: Array, substeps: int, period: float, led: bool) -> Array:
     """All cycles of a log; columns ``TRACKED``."""
     y, out, w = np.zeros((len(commands), N_TRACKED)), np.zeros(N_OUTPUT), np.zeros(N_WORK)
     x = state_at(p, u[0], targets[0])
     kernel.start(x, p, u[0], out, w)
-    track(x, p, u, commands, targets, gains, y, out, w, substeps, period)
+    track(x, p, u, commands, targets, gains, y, out, w, substeps, period, led)
     return y
