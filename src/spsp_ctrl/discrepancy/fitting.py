@@ -1,4 +1,4 @@
-"""Bounded least squares over several records, every channel whitened by what it has left."""
+"""Bounded least squares over several records, every channel whitened by the autoregression of what it has left."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ from math import isfinite
 import numpy as np
 
 from spsp_ctrl.discrepancy.replica import Replica
-from spsp_ctrl.discrepancy.statistics import effective_size, rms
 from spsp_ctrl.discrepancy.variables import Variable, place, values_of
+from spsp_ctrl.discrepancy.whitening import Colour, Split, colours, robust_rms
 from spsp_ctrl.plant.arrays import Array
 
-CLIP = 8.0
-"""A residual beyond so many rms counts as if it were there: outliers do not steer a fit."""
-Split = dict[str, Array]
+__all__ = ["Bench", "Fitted", "Split", "fit", "jacobian", "robust_rms"]
 
 
 @dataclass(frozen=True)
@@ -25,33 +23,22 @@ class Bench:
     replicas: tuple[Replica, ...]
     use: tuple[dict[str, Array], ...]
     floor: dict[str, float]
+    baseline: tuple[Split | None, ...] = ()
+    """What the model left of the same motion when nothing was wrong yet, for each record: it is taken off."""
+    motion: dict[str, Array] = field(default_factory=dict)
+    """Orthonormal basis of what the motion can do to each channel; empty: a residual is whitened by its own colour."""
     calls: list[int] = field(default_factory=lambda: [0])
 
     def residuals(self, p: Array) -> Split:
         """Residuals by channel over all records, only what is used. Huge but finite where the model ran away."""
         self.calls[0] += len(self.replicas)
         parts: dict[str, list[Array]] = {}
-        for one, use in zip(self.replicas, self.use, strict=True):
+        for k, (one, use) in enumerate(zip(self.replicas, self.use, strict=True)):
+            known = self.baseline[k] if self.baseline else None
             for channel, values in one.residuals(p).items():
-                parts.setdefault(channel, []).append(np.nan_to_num(values[use[channel]], nan=1e6, posinf=1e6, neginf=-1e6))
+                left = values if known is None else values - known[channel]
+                parts.setdefault(channel, []).append(np.nan_to_num(left[use[channel]], nan=1e6, posinf=1e6, neginf=-1e6))
         return {channel: np.concatenate(values) for channel, values in parts.items()}
-
-    def scales(self, residuals: Split) -> dict[str, float]:
-        """By what each channel is whitened: what it has left, never less than its floor."""
-        return {c: max(robust_rms(r), self.floor.get(c, 0.0), 1e-12) for c, r in residuals.items()}
-
-
-def robust_rms(values: Array) -> float:
-    """rms with everything beyond ``CLIP`` times it cut down to that."""
-    level = rms(values)
-    for _ in range(3):
-        level = rms(np.clip(values, -CLIP * level, CLIP * level))
-    return level
-
-
-def whiten(residuals: Split, scales: dict[str, float], weights: dict[str, float]) -> Array:
-    """One vector: each channel over its scale, clipped, weighted by the root of its share of independent samples."""
-    return np.concatenate([np.clip(residuals[c] / scales[c], -CLIP, CLIP) * weights[c] for c in scales])
 
 
 @dataclass(frozen=True)
@@ -68,11 +55,6 @@ class Fitted:
     def sigma(self, k: int) -> float:
         """Standard deviation of variable ``k``."""
         return float(np.sqrt(max(0.0, self.covariance[k, k])))
-
-
-def weights_of(residuals: Split) -> dict[str, float]:
-    """Root of the share of independent samples in each channel."""
-    return {c: float(np.sqrt(effective_size(r) / max(1, len(r)))) for c, r in residuals.items()}
 
 
 def jacobian(bench: Bench, p: Array, variables: Sequence[Variable], base: Split) -> dict[str, Array]:
@@ -115,8 +97,7 @@ def fit(
     variables: Sequence[Variable],
     *,
     steps: int = 5,
-    scales: dict[str, float] | None = None,
-    weights: dict[str, float] | None = None,
+    whitened: Callable[[Split, dict[str, float], dict[str, Array]], dict[str, Colour]] = colours,
     known: tuple[Sequence[Variable], dict[str, Array]] | None = None,
     tick: Callable[[], None] = lambda: None,
 ) -> Fitted:
@@ -127,15 +108,14 @@ def fit(
     variables = tuple(variables)
     p = place(p, variables, values_of(p, variables))
     base = bench.residuals(p)
-    scales = scales or bench.scales(base)
-    weights = weights or weights_of(base)
+    white = whitened(base, bench.floor, bench.motion)
     mean = np.array([v.mean for v in variables])
     inverse = np.array([1.0 / v.sigma if isfinite(v.sigma) else 0.0 for v in variables])
     low, high = np.array([v.low for v in variables]), np.array([v.high for v in variables])
     unit = np.array([v.step for v in variables])
 
     def cost(residuals: Split, at: Array) -> float:
-        w = whiten(residuals, scales, weights)
+        w = np.concatenate([white[c].apply(residuals[c]) for c in white])
         return float(w @ w + np.sum(((at - mean) * inverse) ** 2))
 
     at = values_of(p, variables)
@@ -143,8 +123,8 @@ def fit(
     slope = _slopes(bench, p, variables, base, known)
     normal = np.zeros((len(variables), len(variables)))
     for step in range(steps + 1):
-        matrix = np.concatenate([slope[c] * (weights[c] / scales[c]) * (np.abs(base[c]) < CLIP * scales[c])[:, None] for c in scales])
-        right = matrix.T @ whiten(base, scales, weights) + inverse**2 * (at - mean)
+        matrix = np.concatenate([white[c].columns(slope[c] * (np.abs(base[c]) < white[c].limit)[:, None]) for c in white])
+        right = matrix.T @ np.concatenate([white[c].apply(base[c]) for c in white]) + inverse**2 * (at - mean)
         normal = matrix.T @ matrix + np.diag(inverse**2)
         if step == steps or not len(variables):
             break

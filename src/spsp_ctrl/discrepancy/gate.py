@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 
 from spsp_ctrl.discrepancy.records import Record
+from spsp_ctrl.discrepancy.replica import smooth
 from spsp_ctrl.discrepancy.statistics import rms
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.axis_controller import MAX_SPAN, replay
@@ -110,7 +111,9 @@ def _units(gate: Gate, record: Record, model: AxisModel) -> None:
         gate.problems.append("current_a never changes: the channel is lacking")
         return
     command, current = np.asarray(record.rows["command_a"], np.float64), np.asarray(record.rows["current_a"], np.float64)
-    ratio = slope(command, current)  # a drive that saturates gives less than it is told, so only a ratio far off is a unit
+    # a drive that saturates or lags gives less than it is told, so only a ratio far off is a unit, and it is taken over quiet stretches
+    half = max(1, round(0.025 * record.rate_hz))
+    ratio = slope(smooth(command, half), smooth(current, half))
     if ratio < 0.0 or not 0.02 < ratio < 5.0:
         _ratio(gate, "current_a against command_a", ratio)
 

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from spsp_ctrl.discrepancy.variables import Variable, pair
+from spsp_ctrl.discrepancy.variables import Variable, pair, place, values_of
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.axis_model import AXIS_EFFECTS, AxisModel
 from spsp_ctrl.plant.effects import Effect, Free, Hypothesis
@@ -18,31 +18,48 @@ LIMITS = ("voltage_limit_v", "current_ceiling_a", "speed_ceiling_rad_s")
 """Sizes that act by being small: absent at zero, strongest near it."""
 STIFFNESS = "bristle_nm_rad"
 """A friction level that the model did not have needs a presliding stiffness; nobody knows it, so it is fitted with the level."""
+MODE = "mode_frequency_hz"
+COULOMB, STATIC, COGGING = "mf_coulomb_nm", "mf_static_nm", "cogging_nm"
 WHERE = {"drive": "axis", "transmission": "axis", "mechanism": "axis", "sensors": "axis", "thermal": "axis"}
 
 
 @dataclass(frozen=True)
+class Group:
+    """Sizes to start from: a set of values, and steps of single variables from there of which a screening takes the best combination."""
+
+    values: Array
+    steps: tuple[tuple[int, float], ...]
+    """Variable and size of the step; none where the values themselves are the start."""
+
+
+@dataclass(frozen=True)
 class Candidate:
-    """One name with its variables, and parameter sets to start from."""
+    """One name with its variables, and sizes to start from."""
 
     name: str
     effect: Effect
     hypothesis: Hypothesis
     variables: tuple[Variable, ...]
-    groups: tuple[tuple[tuple[Array, Array], ...], ...]
-    """Each group is a set of columns (start, values of the variables there); a screening combines the columns of one group linearly."""
+    base: Array
+    """Parameters on which the values are placed."""
+    groups: tuple[Group, ...]
+
+    def at(self, values: Array) -> Array:
+        """Parameters with the variables at ``values``, kept inside their bounds."""
+        low, high = np.array([v.low for v in self.variables]), np.array([v.high for v in self.variables])
+        return place(self.base, self.variables, np.clip(values, low, high))
 
 
 def _index(model: AxisModel, name: str) -> int:
     return model.index(name)
 
 
-def hypotheses(model: AxisModel) -> Iterator[tuple[Effect, Hypothesis]]:
+def hypotheses(model: AxisModel, p: Array) -> Iterator[tuple[Effect, Hypothesis]]:
     """Names that a simulation of this model can judge."""
     for effect in AXIS_EFFECTS:
         for h in effect.hypotheses:
-            if h.random:
-                continue
+            if h.random or (h.name == "stribeck_friction" and p[_index(model, COULOMB)] == 0.0):
+                continue  # what friction at rest has more than in motion needs a friction in motion
             if model.file.bare and ("ruler" in h.channels[:1] or "drive" in h.channels[:1] or h.name in _NOT_BARE):
                 continue
             yield effect, h
@@ -56,8 +73,21 @@ def _size_of(f: Free) -> float:
     return min(abs(s) for s in f.starts if s != 0.0)
 
 
-def candidate(model: AxisModel, effect: Effect, h: Hypothesis, p: Array, reach: dict[str, float], orders: Sequence[float]) -> Candidate:
-    """Variables and starts of a name at parameters ``p``. ``reach`` gives the largest speed, current, voltage of the records."""
+def candidate(
+    model: AxisModel,
+    effect: Effect,
+    h: Hypothesis,
+    p: Array,
+    reach: dict[str, float],
+    orders: Sequence[float],
+    lines: Sequence[float] = (),
+    calibrated: bool = False,
+) -> Candidate:
+    """Variables and starts of a name at parameters ``p``. ``reach`` gives the largest speed, current, voltage of the records,
+    ``orders`` and ``lines`` where what is left has its strongest orders of the motor turn and its strongest frequencies.
+
+    ``calibrated``: no number of the model is free beside the name; a friction level then moves in motion and at rest alike.
+    """
     base = p.copy()
     companions: list[Variable] = []
     for name, value in h.along:
@@ -84,29 +114,36 @@ def candidate(model: AxisModel, effect: Effect, h: Hypothesis, p: Array, reach: 
             top = reach.get(f.name, f.starts[0])
             v = Variable(f.name, i, f.low, f.high, max(1e-3 * top, 1e-4))
             variables.append(v)
-            shapes.append([(v, min(max(share * top, f.low), f.high)) for share in (0.95, 0.8, 0.6)])
+            shapes.append([(v, min(max(share * top, f.low), f.high)) for share in (1.15, 1.06, 1.0, 0.95, 0.88, 0.8, 0.7, 0.6)])
         elif f.name.endswith("order"):
             v = Variable(f.name, i, f.low, f.high, 1e-3)
             variables.append(v)
-            shapes.append([(v, o) for o in dict.fromkeys((*orders, 1.0, f.starts[0])) if f.low <= o <= f.high])
+            present = (float(base[i]),) if base[i] != 0.0 else ()
+            shapes.append([(v, o) for o in dict.fromkeys((*present, *orders, 1.0, f.starts[0])) if f.low <= o <= f.high])
+        elif f.name == MODE:
+            v = Variable(f.name, i, f.low, f.high, 0.01 * f.starts[0])
+            variables.append(v)
+            shapes.append([(v, s) for s in (*(x for x in lines if f.low <= x <= f.high), *f.starts)])
         elif f.low > 0.0 or "damping" in f.name:
-            v = Variable(f.name, i, f.low, f.high, 0.02 * f.starts[0])
+            now = float(base[i])
+            v = Variable(f.name, i, f.low, f.high, 0.02 * (now or f.starts[0]))
             variables.append(v)
-            shapes.append([(v, s) for s in f.starts])
+            near = (now,) if "damping" in f.name else (0.6 * now, 0.9 * now, 1.15 * now, 1.6 * now)
+            far = () if now and "damping" in f.name else f.starts
+            shapes.append([(v, s) for s in (*(near if now else ()), *far) if f.low <= s <= f.high])
         else:
-            v = Variable(f.name, i, f.low, f.high, 0.3 * _size_of(f), nuisance=f.nuisance)
+            static = _index(model, STATIC) if calibrated and f.name == COULOMB and base[_index(model, STATIC)] > 0.0 else -1
+            low = -f.high if f.name == COGGING and base[i] < 0.0 else f.low
+            v = Variable(f.name, i, low, f.high, 0.3 * _size_of(f), nuisance=f.nuisance, along=static)
             variables.append(v)
-            few = f.starts[:1] if f.low < 0.0 or h.regimes[0] == "motor_phase" else f.starts
-            linear.append([(f.name, s) for s in few])
+            linear.append([(f.name, s) for s in f.starts])
     variables += companions
-    return Candidate(h.name, effect, h, tuple(variables), tuple(_groups(base, variables, linear, shapes)))
+    return Candidate(h.name, effect, h, tuple(variables), base, tuple(_groups(base, variables, linear, shapes)))
 
 
 def _groups(
     base: Array, variables: Sequence[Variable], linear: list[list[tuple[str, float]]], shapes: list[list[tuple[Variable, float]]]
-) -> Iterator[tuple[tuple[Array, Array], ...]]:
-    from spsp_ctrl.discrepancy.variables import place, values_of
-
+) -> Iterator[Group]:
     at = {v.name: k for k, v in enumerate(variables)}
     for combination in product(*shapes):
         shaped = base.copy()
@@ -114,22 +151,12 @@ def _groups(
             shaped[v.index] = value
         zero = values_of(shaped, variables)
         if not linear:
-            yield ((shaped, zero),)
-            continue
-        signed = all(len(entries) == 1 or "." in entries[0][0] for entries in linear)
-        if signed or len(linear) > 1:
-            columns = []
-            for entries in linear:
-                for name, size in entries if "." in entries[0][0] else entries[:1]:
-                    moved = zero.copy()
-                    moved[at[name]] += size
-                    columns.append((place(shaped, variables, moved), moved))
-            yield tuple(columns)
-        else:
+            yield Group(zero, ())
+        elif len(linear) == 1 and "." not in linear[0][0][0]:
             for name, size in linear[0]:  # one size of a kind that may be non-smooth: each start on its own
-                moved = zero.copy()
-                moved[at[name]] += size
-                yield ((place(shaped, variables, moved), moved),)
+                yield Group(zero, ((at[name], size),))
+        else:
+            yield Group(zero, tuple((at[name], size) for entries in linear for name, size in (entries if "." in entries[0][0] else entries[:1])))
 
 
 NOMINAL_SIGMA = 0.04

@@ -10,6 +10,8 @@ import numpy as np
 
 from spsp_ctrl.discrepancy import floor as floors
 from spsp_ctrl.discrepancy import library as names
+from spsp_ctrl.discrepancy.baseline import baselines, difference_floor
+from spsp_ctrl.discrepancy.features import basis, features
 from spsp_ctrl.discrepancy.find import find
 from spsp_ctrl.discrepancy.fitting import Bench, Fitted, Split, fit, robust_rms
 from spsp_ctrl.discrepancy.gate import Gate, filled, judge
@@ -17,10 +19,11 @@ from spsp_ctrl.discrepancy.masks import order_lines
 from spsp_ctrl.discrepancy.model_writing import deviations, document, text
 from spsp_ctrl.discrepancy.naming import Named, Search, State
 from spsp_ctrl.discrepancy.records import Record
-from spsp_ctrl.discrepancy.replica import UNITS, Replica, replica
+from spsp_ctrl.discrepancy.replica import UNITS, Replica, replica, smooth
 from spsp_ctrl.discrepancy.result import Curve, Diagnosis, NamedEffect, Unexplained, Value
-from spsp_ctrl.discrepancy.scatter import Random, compare, scatter
+from spsp_ctrl.discrepancy.scatter import Random, lost_or_coarse, noisier, repeated, scatter
 from spsp_ctrl.discrepancy.show import OPEN, gaps
+from spsp_ctrl.discrepancy.whitening import colour, plain
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.axis_model import AxisModel, load_axis_model
 from spsp_ctrl.plant.layout import A
@@ -59,12 +62,18 @@ def split_by_motion(one: Replica) -> tuple[np.ndarray, np.ndarray]:
     return train, ~train
 
 
-def _bench(model: AxisModel, records: Sequence[Record], floor: dict[str, float], parts: Sequence[np.ndarray] | None = None) -> Bench:
+def _bench(
+    model: AxisModel,
+    records: Sequence[Record],
+    floor: dict[str, float],
+    parts: Sequence[np.ndarray] | None = None,
+    baseline: tuple[Split, ...] | None = None,
+) -> Bench:
     replicas = tuple(replica(model, r) for r in records)
     use = []
     for k, one in enumerate(replicas):
         use.append({c: np.ones(len(one.rows(c)), bool) if parts is None else parts[k][one.rows(c)] for c in one.channels})
-    return Bench(replicas, tuple(use), floor)
+    return Bench(replicas, tuple(use), floor, baseline or ())
 
 
 def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda text: None) -> Diagnosis:
@@ -86,29 +95,40 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
     reference, sigma = p, names.NOMINAL_SIGMA
     floor: dict[str, float] = {}
     quality: floors.Quality = "weak"
-    clean = None
+    commissioned = None
     if kept["commissioning"]:
         tick("floor")
         commissioned = _bench(model, kept["commissioning"], {})
-        fitted = fit(commissioned, p, names.nominal_variables(model, p, p, sigma), steps=6, tick=lambda: tick("floor"))
-        again = names.nominal_variables(model, fitted.p, p, sigma)
-        fitted = fit(commissioned, fitted.p, again, steps=4, tick=lambda: tick("floor"))
+        fitted = fit(commissioned, p, names.nominal_variables(model, p, p, sigma), steps=6, whitened=plain, tick=lambda: tick("floor"))
         floor, quality = floors.from_commissioning(fitted.residuals), "measured"
         p = reference = fitted.p
         sigma = COMMISSIONED_SIGMA
-        clean = scatter(commissioned.replicas[0])
+    base = baselines(kept["logs"], commissioned.replicas, p) if commissioned is not None else None
     if kept["held_out"]:
-        train, held = _bench(model, kept["logs"], floor), _bench(model, kept["held_out"], floor)
+        train, held = _bench(model, kept["logs"], floor, None, base), _bench(model, kept["held_out"], floor)
     else:
         pairs = [split_by_motion(replica(model, r)) for r in kept["logs"]]
-        train = _bench(model, kept["logs"], floor, [a for a, _ in pairs])
-        held = _bench(model, kept["logs"], floor, [b for _, b in pairs])
+        train = _bench(model, kept["logs"], floor, [a for a, _ in pairs], base)
+        held = _bench(model, kept["logs"], floor, [b for _, b in pairs], base)
+    if base is not None:
+        train = replace(train, floor=difference_floor(base, train.residuals(p)))
     if not kept["commissioning"]:
         tick("floor")
         whole = _bench(model, kept["logs"], {})
         measured, quality = floors.measure(whole, p)
         floor.update(measured)
-    search = Search(train, held, lambda q: names.nominal_variables(model, q, reference, sigma), lambda s: _library(model, train, s), tick)
+    randoms: list[Random] = []
+    if commissioned is not None:
+        clean = scatter(commissioned.replicas[0])
+        randoms = lost_or_coarse(scatter(train.replicas[0]), clean)
+        train, held, p = without_lost(train, randoms), without_lost(held, randoms), coarser(p, randoms)
+    train = replace(train, motion=motion_of(train))
+    search = Search(
+        train, held,
+        lambda q: () if base is not None else names.nominal_variables(model, q, reference, sigma),
+        lambda s: _library(model, train, s, base is not None), tick, base is not None,
+        fitted.residuals if kept["commissioning"] else None,
+    )  # fmt: skip
     before = search.start(p)
     tick("find")
     found = find(train, before.fitted.residuals, task.seed)
@@ -120,8 +140,9 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
         return answer
     first, state = search.run(p, before)
     answer.screening = search.trace
-    randoms = compare(scatter(train.replicas[0]), clean) if clean is not None else []
-    answer.effects = [_effect(model, n, state.fitted) for n in state.named] + [_random(r) for r in randoms]
+    if commissioned is not None and not randoms:
+        randoms = noisier(train.replicas[0].residuals(state.p)["resolver"], fitted.residuals["resolver"])
+    answer.effects = [_random(r) for r in randoms] + [_effect(model, n, state.fitted, reference) for n in state.named]
     if task.last != "name":
         tick("add")
         raw = document(
@@ -150,23 +171,27 @@ def writable(p: Array) -> Array:
     return q
 
 
-def _library(model: AxisModel, train: Bench, state: State) -> list[names.Candidate]:
+def _library(model: AxisModel, train: Bench, state: State, calibrated: bool) -> list[names.Candidate]:
     one = train.replicas[0]
     speed = np.gradient(one.measured["motor"]) * one.record.rate_hz
     current = one.measured["command"] if not one.tracking else one.measured["current"]
     reach = names.reaches(model, state.p, current, np.asarray(speed))
     orders = best_orders(train, state.fitted.residuals)
-    return [names.candidate(model, e, h, state.p, reach, orders) for e, h in names.hypotheses(model)]
+    lines = best_frequencies(train, state.fitted.residuals)
+    return [names.candidate(model, e, h, state.p, reach, orders, lines, calibrated) for e, h in names.hypotheses(model, state.p)]
 
 
-def best_orders(bench: Bench, residuals: Split, count: int = 2) -> tuple[float, ...]:
-    """Orders of the motor turn with the strongest lines in what is left: a free scan, not only orders that a library knows."""
-    channel = "force" if "force" in residuals else "current"
+def best_orders(bench: Bench, residuals: Split, count: int = 3) -> tuple[float, ...]:
+    """Orders of the motor turn with the strongest lines in what is left: a free scan, not only orders that a library knows.
+
+    Looked for in the whitened residual of the channel that follows the torque most quickly.
+    """
+    channel = "force" if "force" in residuals else "resolver"
     one, use = bench.replicas[0], bench.use[0][channel]
-    values = residuals[channel][: int(use.sum())]
+    values = colour(residuals[channel]).apply(residuals[channel])[: int(use.sum())]
     motor = one.measured["motor"] if np.ptp(one.measured["motor"]) > 0 else one.measured["load"] / one.travel_per_rad
     grid = np.unique(np.concatenate([np.arange(0.1, 4.0, 0.02), np.arange(4.0, 26.0, 0.05), np.arange(1, 49) * 1.0, np.arange(1, 49) / 3.0]))
-    every = max(1, len(values) // 3000)
+    every = max(1, len(values) // 6000)
     lines = order_lines(values[::every], motor[one.rows(channel)[use]][::every], grid)
     chosen: list[float] = []
     for k in np.argsort(-lines):
@@ -177,14 +202,75 @@ def best_orders(bench: Bench, residuals: Split, count: int = 2) -> tuple[float, 
     return tuple(chosen)
 
 
-def _effect(model: AxisModel, named: Named, fitted: Fitted) -> NamedEffect:
+def motion_of(bench: Bench) -> dict[str, Array]:
+    """Basis of what the motion of a bench can do to each channel."""
+    made: dict[str, list[Array]] = {}
+    for one, use in zip(bench.replicas, bench.use, strict=True):
+        every = features(one)
+        for channel in one.channels:
+            made.setdefault(channel, []).append(every[one.rows(channel)[use[channel]]])
+    return {channel: basis(np.concatenate(parts)) for channel, parts in made.items()}
+
+
+def without_lost(bench: Bench, randoms: Sequence[Random]) -> Bench:
+    """The bench without the samples that were lost: a reading that stays as it was while the axis moves says nothing."""
+    if not any(r.name == "sensor_dropout" for r in randoms):
+        return bench
+    use = []
+    for one, kept in zip(bench.replicas, bench.use, strict=True):
+        mask = dict(kept)
+        for r in randoms:
+            if r.name == "sensor_dropout":
+                channel, reading = ("ruler", "load") if r.parameter == "ruler_lost" else ("resolver", "motor")
+                held = repeated(one.measured[reading])
+                rows, every = one.rows(channel), 1
+                near = np.convolve(held, np.ones(every + 1), "same") > 0.0
+                mask[channel] = mask[channel] & ~near[rows]
+        use.append(mask)
+    return replace(bench, use=tuple(use))
+
+
+def coarser(p: Array, randoms: Sequence[Random]) -> Array:
+    """Parameters with the step of a resolver that has become coarser."""
+    q = p.copy()
+    for r in randoms:
+        if r.parameter == "res_step_rad":
+            q[A.res_step_rad] = r.value
+    return q
+
+
+CHANGES = ("zero_offset_m", "lead_slope")
+"""Numbers without a drawing: what a commissioning log finds there is its own, and a name states the change since."""
+
+
+def best_frequencies(bench: Bench, residuals: Split, count: int = 3) -> tuple[float, ...]:
+    """Frequencies in Hz at which what is left of the ruler stands out of its neighbourhood: where a mode may be."""
+    if "ruler" not in residuals:
+        return ()
+    one, n = bench.replicas[0], int(bench.use[0]["ruler"].sum())
+    values = colour(residuals["ruler"]).apply(residuals["ruler"])[:n]
+    spectrum = np.abs(np.fft.rfft(values * np.hanning(len(values)))) ** 2
+    wide = max(1, len(spectrum) // 400)
+    level = smooth(spectrum, wide)
+    frequency = np.fft.rfftfreq(len(values), 1.0 / one.record.rate_hz)
+    chosen: list[float] = []
+    for k in np.argsort(-np.where((frequency > 5.0) & (frequency < 0.4 * one.record.rate_hz), level, 0.0)):
+        if all(abs(frequency[k] / c - 1.0) > 0.1 for c in chosen):
+            chosen.append(float(frequency[k]))
+        if len(chosen) == count:
+            break
+    return tuple(chosen)
+
+
+def _effect(model: AxisModel, named: Named, fitted: Fitted, reference: Array) -> NamedEffect:
     spread = deviations(fitted)
     keys = {q.name: (name, q) for name, q in effect_keys(named.candidate.effect).items()}
     values = {}
     for f in named.candidate.hypothesis.free:
         name, q = keys[f.name]
         i = model.index(f.name)
-        values[name] = Value(float(fitted.p[i]), q.unit, spread.get(i))
+        since = float(reference[i] - model.parameters()[i]) if f.name in CHANGES else 0.0
+        values[name] = Value(float(fitted.p[i]) - since, q.unit, spread.get(i))
     weights = {named.candidate.name: 1.0} | {n: float(np.exp(0.5 * max(d, -40.0))) for n, d in named.rivals.items()}
     total = sum(weights.values())
     members = tuple(sorted(((n, w / total) for n, w in weights.items()), key=lambda m: -m[1]))

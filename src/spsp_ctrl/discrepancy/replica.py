@@ -22,8 +22,10 @@ TRACKING_HZ = 8.0
 """Crossover of the tracking loop."""
 SETTLE_S = 0.3
 """Left out at the start: the state there is a guess."""
+WARMING_S = 0.3
+"""A screw does not warm within this time: what its sensor shows faster is noise."""
 SLOW_HZ = 100.0
-"""Rate to which the slow channels are averaged."""
+"""Rate to which the current is averaged: beyond, there is only noise and what ``drive`` shows."""
 UNITS = {"force": "N", "current": "A", "drive": "A", "resolver": "rad", "ruler": "m"}
 """Channels and their units. ``current``: measured current that the model does not explain at the measured motion. ``drive``: current that does not
 follow from the command. ``ruler``: load that does not follow from the motor. ``force``: command in closed loop, as force at the load."""
@@ -83,12 +85,12 @@ class Replica:
             "current": self._slow(y[:, OUT.current_a] - m["current"], self.every),
             "drive": self._slow(drive, 1),
             "resolver": self._slow(motor, 1),
-            "ruler": self._slow(ruler, self.every),
+            "ruler": self._slow(ruler, 1),
         }
 
     def rows(self, channel: str) -> Array:
         """Row of the record in the middle of each residual of a channel."""
-        every = 1 if channel in ("force", "drive", "resolver") else self.every
+        every = self.every if channel == "current" else 1
         n = (len(self.inputs) - self.skip) // every
         return np.asarray(self.skip + np.arange(n) * every + every // 2, np.int64)
 
@@ -113,6 +115,7 @@ def replica(model: AxisModel, record: Record) -> Replica:
     u = inputs_from(record.rows, record.rate_hz)
     tracking = model.file.controller.kind != "cascade"
     ratio = model.travel_per_rad
+    u[:, IN.screw_c] = smooth(u[:, IN.screw_c], max(1, round(0.5 * WARMING_S * record.rate_hz)))
     motor = record.motor_rad(float(p[A.resolver_counts]) or 2.0 * pi)
     rows = record.rows
     command = np.asarray(rows["command_a"], np.float64)

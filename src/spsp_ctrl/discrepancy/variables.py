@@ -27,6 +27,8 @@ class Variable:
     sigma: float = inf
     """Prior: what is known before the data."""
     nuisance: bool = False
+    along: int = -1
+    """A parameter that moves by as much (the level at rest with the level in motion)."""
 
     def get(self, p: Array) -> float:
         """Value in a parameter array."""
@@ -44,6 +46,8 @@ def place(p: Array, variables: Sequence[Variable], values: Array) -> Array:
             pair = pairs.setdefault(variable.index, [0.0, 0.0, variable.phase])
             pair[0 if variable.part == "cos" else 1] = float(value)
         else:
+            if variable.along >= 0:
+                q[variable.along] += value - q[variable.index]
             q[variable.index] = value
     for index, (c, s, phase) in pairs.items():
         q[index] = hypot(c, s)

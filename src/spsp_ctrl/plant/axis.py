@@ -173,12 +173,13 @@ def inputs_from(rows: NDArray[Any], rate_hz: float) -> Array:
 
 
 def temperature_slope(screw_c: Array, rate_hz: float) -> Array:
-    """Slope of a slow reading in 1/s, over ``SLOPE_S`` to keep its steps out."""
+    """Slope of a slow reading in 1/s: of the straight line through ``SLOPE_S`` of it, which keeps noise and steps out."""
     half = max(1, min(round(0.5 * SLOPE_S * rate_hz), (len(screw_c) - 1) // 2))
     if len(screw_c) < 3:
         return np.zeros(len(screw_c))
-    padded = np.concatenate([np.full(half, screw_c[0]), screw_c, np.full(half, screw_c[-1])])
-    return np.asarray((padded[2 * half :] - padded[: -2 * half]) * (rate_hz / (2.0 * half)))
+    before, after = 2.0 * screw_c[0] - screw_c[half:0:-1], 2.0 * screw_c[-1] - screw_c[-2 : -half - 2 : -1]
+    lever = np.arange(-half, half + 1, dtype=np.float64)
+    return np.asarray(np.convolve(np.concatenate([before, screw_c, after]), lever[::-1], "valid") * (rate_hz / float(lever @ lever)))
 
 
 def rest_state(p: Array, u: Array, load_m: float) -> Array:
