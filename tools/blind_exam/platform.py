@@ -28,7 +28,7 @@ from tools.blind_exam.ledger import Ledger, commit_of, settings_of
 from tools.blind_exam.platform_machine import LEGS, LIBRARY, OUTSIDE, SEVERITIES, TWINS
 from tools.blind_exam.platform_physics import Array
 from tools.blind_exam.platform_rig import ExamRig
-from tools.blind_exam.table import Share
+from tools.blind_exam.scoring import Share
 
 SETS = ("single", "multiple", "nothing", "outside")
 DETECTABLE = 1.5
@@ -132,7 +132,8 @@ def run_case(group: str, seed: int, index: int, out: Path, jobs: int, keep: bool
         q, q_late, _ = made(build, tuple(i for j, i in enumerate(items) if j != k))
         without = record(folder / f"without-{k}", q, q_late, True, 32)
         size = shift(held, without, again if len(items) == 1 else record(folder / f"without-{k}-again", q, q_late, True, 34))
-        hidden.append({"effect": item.name, "where": item.where, "severity": item.severity, "values": said, "floors": size, "detectable": size >= DETECTABLE})
+        told = {"effect": item.name, "where": item.where, "severity": item.severity, "values": said}
+        hidden.append(told | {"floors": size, "detectable": size >= DETECTABLE})
     answers = out / "answers" / name
     digest = sealing.seal(answers, name, {"group": group, "hidden": hidden}, secrets.token_hex(16))
     result = folder / "result"
@@ -251,7 +252,8 @@ def main(
             click.echo(f"{what:<45} {value}")
         for r in rows:
             hidden = ", ".join(f"{h['effect']}@{h['where']} x{h['severity']:g} ({h['floors']:.1f} floors)" for h in r["hidden"]) or "nothing"
-            click.echo(f"  {r['group']} {r['index']}: {hidden} -> {', '.join(r['named']) or 'no name'} [{r['verdict']}] {r['seconds']} s {r.get('failed', '')}")
+            named = ", ".join(r["named"]) or "no name"
+            click.echo(f"  {r['group']} {r['index']}: {hidden} -> {named} [{r['verdict']}] {r['seconds']} s {r.get('failed', '')}")
     if any("failed" in r for r in rows):
         raise SystemExit(EXIT_ROW_FAILED)
 

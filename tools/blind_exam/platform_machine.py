@@ -15,11 +15,13 @@ from tools.blind_exam.platform_physics import N_LEG, Array, L, N, R
 
 ROOT = Path(__file__).resolve().parents[2]
 MODEL = ROOT / "config" / "model.yaml"
-FACTORS = UNITS | {"deg/s2": math.pi / 180, "mm": 1e-3, "degC": 1.0, "arcmin/s": math.pi / 10800, "deg/h^0.5": math.pi / 180 / 60, "deg/h": math.pi / 648000}
+FACTORS = UNITS | {
+    "deg/s2": math.pi / 180, "mm": 1e-3, "degC": 1.0, "arcmin/s": math.pi / 10800, "deg/h^0.5": math.pi / 180 / 60, "deg/h": math.pi / 648000,
+}  # fmt: skip
 LEGS = ("pitch", "roll")
 ACTUATOR = {
-    "torque_constant": "kt", "current_lag": "current_lag", "current_limit": "current_limit", "rotor_inertia": "inertia", "current_noise": "current_noise",
-    "screw_lead": "lead", "gear_ratio": "gear", "axial_stiffness": "stiffness", "contact_damping": "damping", "resolver_counts": "counts",
+    "torque_constant": "kt", "current_lag": "current_lag", "current_limit": "current_limit", "rotor_inertia": "inertia",
+    "current_noise": "current_noise", "screw_lead": "lead", "gear_ratio": "gear", "axial_stiffness": "stiffness", "contact_damping": "damping", "resolver_counts": "counts",
 }  # fmt: skip
 RIG = {
     "column_height": ("height",), "hinge_radius": ("upper", "lower"), "plate_ixx": ("ixx",), "plate_iyy": ("iyy",), "plate_izz": ("izz",),
@@ -181,13 +183,10 @@ LIBRARY: dict[str, Kind] = {
     "azimuth_backlash": _rig("azimuth", {"az_gap": "az_gap"}, 1.5e-3, signed=False),
     "azimuth_friction": _rig("azimuth", {"coulomb": "az_coulomb"}, 1.5, signed=False),
     "imu_bias": _rig("imu", {"imu_roll_bias": "imu_roll_bias", "imu_pitch_bias": "imu_pitch_bias"}, 4e-4),
-    "imu_scale": _rig("imu", {"gyro_scale": "pitch_scale"}, 0.0),
     "imu_misalignment": _rig("imu", {"imu_mount_z": "mount_z"}, 6e-3),
-    "imu_lag": _rig("imu", {"imu_added_lag": "attitude_lag"}, 0.0),
     "imu_delay": Kind(("imu",), _late),
     "geometric_error": _rig("base", {"dh": "dh", "dr_upper": "dru"}, 1.5e-4),
 }
-del LIBRARY["imu_scale"], LIBRARY["imu_lag"]  # a platform held level has no attitude to scale; the lags of attitude and gyro are one number in the model
 TWINS = (
     {"zero_offset", "imu_bias", "geometric_error", "imu_misalignment", "thermal_expansion"}, {"torque_offset", "friction_asymmetry"},
     {"lead_error", "geometric_error", "imu_scale"}, {"drive_lag", "command_delay"}, {"torque_ripple", "cogging"},

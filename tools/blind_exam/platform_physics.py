@@ -26,10 +26,10 @@ _LEG = (
     "bump", "bump_at", "asymmetry",
 )  # fmt: skip
 _RIG = (
-    "height", "upper", "lower", "dh", "dru", "drl", "mass_z", "ixx", "iyy", "izz", "load", "cog_x", "cog_y", "cog_z", "own_xy", "own_z", "carrier_izz",
-    "az_holding", "az_teeth", "az_microsteps", "az_inertia", "az_damping", "az_detent", "az_gear", "az_stiffness", "az_mesh_damping", "az_ramp",
-    "az_gap", "az_coulomb", "az_bristle", "az_viscous", "attitude_lag", "gyro_lag", "imu_noise", "imu_step", "gyro_noise", "gyro_step", "imu_roll_bias",
-    "imu_pitch_bias", "imu_yaw_bias", "gyro_bias_x", "gyro_bias_y", "gyro_bias_z", "mount_x", "mount_y", "mount_z", "roll_scale", "pitch_scale",
+    "height", "upper", "lower", "dh", "dru", "drl", "mass_z", "ixx", "iyy", "izz", "load", "cog_x", "cog_y", "cog_z", "own_xy", "own_z",
+    "carrier_izz", "az_holding", "az_teeth", "az_microsteps", "az_inertia", "az_damping", "az_detent", "az_gear", "az_stiffness", "az_mesh_damping", "az_ramp",
+    "az_gap", "az_coulomb", "az_bristle", "az_viscous", "attitude_lag", "gyro_lag", "imu_noise", "imu_step", "gyro_noise", "gyro_step",
+    "imu_roll_bias", "imu_pitch_bias", "imu_yaw_bias", "gyro_bias_x", "gyro_bias_y", "gyro_bias_z", "mount_x", "mount_y", "mount_z", "roll_scale", "pitch_scale",
     "drift", "drift_time", "walk", "yaw_drift", "levelling", "acceleration_leak", "colour", "play_of_imu", "wobble", "wobble_order",
 )  # fmt: skip
 L: Any = namedtuple("L", _LEG)(*range(len(_LEG)))
@@ -66,9 +66,9 @@ def _slip(state: Array, at: int, move: float, level: float, stiffness: float) ->
 def _flanks(gap: float, distance: float, rate: float, stiffness: float, damping: float) -> float:
     """Nut between two flanks."""
     if distance > 0.5 * gap:
-        return max(0.0, stiffness * (distance - 0.5 * gap) + damping * rate)
+        return float(max(0.0, stiffness * (distance - 0.5 * gap) + damping * rate))
     if distance < -0.5 * gap:
-        return min(0.0, stiffness * (distance + 0.5 * gap) + damping * rate)
+        return float(min(0.0, stiffness * (distance + 0.5 * gap) + damping * rate))
     return 0.0
 
 
@@ -113,7 +113,8 @@ def _turn(az: float, pitch: float, roll: float) -> Array:
     z = np.array([[ca, -sa, 0.0], [sa, ca, 0.0], [0.0, 0.0, 1.0]])
     y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
     x = np.array([[1.0, 0.0, 0.0], [0.0, cr, sr], [0.0, -sr, cr]])
-    return z @ y @ x
+    whole: Array = z @ y @ x
+    return whole
 
 
 @njit(cache=True)
@@ -131,7 +132,7 @@ def _inertia(p: Array) -> tuple[Array, Array]:
 
 @njit(cache=True)
 def cycle(s: Array, p: Array, base: Array, enable: float, currents: Array, rate: float, warm: Array, steps: int, period: float) -> None:
-    """One control cycle. ``base``: two rows (start, end) of rotation (9), rate (3), angular acceleration (3), specific acceleration of the joint (3)."""
+    """One control cycle. ``base``: rows at its start and end of rotation (9), rate (3), angular acceleration (3), specific acceleration of the joint."""
     dt = period / steps
     inertia, moment = _inertia(p)
     level = math.sqrt((p[R.upper] - p[R.lower]) ** 2 + p[R.height] ** 2)
@@ -198,7 +199,7 @@ def cycle(s: Array, p: Array, base: Array, enable: float, currents: Array, rate:
         turn = _turn(s[AZ], pitch, roll).T
         w0, a0, f0 = turn @ mean[9:12], turn @ mean[12:15], turn @ mean[15:18]
         axes = np.zeros((3, 3))  # rows: azimuth, pitch, roll axis in platform axes
-        cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
+        cr, sr = math.cos(roll), math.sin(roll)
         axes[0] = turn @ np.array([0.0, 0.0, 1.0])
         axes[1] = np.array([0.0, cr, sr])
         axes[2] = np.array([-1.0, 0.0, 0.0])
@@ -211,7 +212,8 @@ def cycle(s: Array, p: Array, base: Array, enable: float, currents: Array, rate:
                 bias -= _cross(axes[k2] * rates[k2], axes[j] * rates[j])
         torque = inertia @ bias + _cross(w, inertia @ w) + _cross(moment, f0)
         hinge_p = _slip(s, 5, s[DPITCH] * dt, p[L.hinge_coulomb], p[L.hinge_stiffness]) + p[L.hinge_viscous] * s[DPITCH]
-        hinge_r = _slip(s, PER_LEG + 5, s[DROLL] * dt, p[N_LEG + L.hinge_coulomb], p[N_LEG + L.hinge_stiffness]) + p[N_LEG + L.hinge_viscous] * s[DROLL]
+        hinge_r = _slip(s, PER_LEG + 5, s[DROLL] * dt, p[N_LEG + L.hinge_coulomb], p[N_LEG + L.hinge_stiffness])
+        hinge_r += p[N_LEG + L.hinge_viscous] * s[DROLL]
         given = np.array([mesh - bearing - p[R.carrier_izz] * mean[14], force[0] * d1 + force[1] * d2p - hinge_p, force[1] * d2r - hinge_r])
         for j in range(3):
             for k2 in range(3):

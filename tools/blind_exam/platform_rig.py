@@ -21,7 +21,25 @@ from spsp_ctrl.messages import (
     Truth,
 )
 from spsp_ctrl.rig.base import RigIdentity
-from tools.blind_exam.platform_physics import AZ, FIELD, FIELD_RATE, GRAVITY, N_LEG, N_STATE, PER_LEG, PITCH, ROLL, ROTOR, STEPS, Array, L, R, cycle, imu, legs
+from tools.blind_exam.platform_physics import (
+    AZ,
+    FIELD,
+    FIELD_RATE,
+    GRAVITY,
+    N_LEG,
+    N_STATE,
+    PER_LEG,
+    PITCH,
+    ROLL,
+    ROTOR,
+    STEPS,
+    Array,
+    L,
+    R,
+    cycle,
+    imu,
+    legs,
+)
 
 ARM_M = 0.45
 TEMPERATURE_C = 20.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -62,7 +63,7 @@ def candidates(p: Array, reach: Sequence[dict[str, float]], orders: Sequence[Seq
     made = []
     for effect, h, where, axis in places():
         view = View(axis)
-        one = candidate(view, effect, h, p, reach[max(0, axis)], orders[max(0, axis)], calibrated)
+        one = candidate(cast("Any", view), effect, h, p, reach[max(0, axis)], orders[max(0, axis)], (), calibrated)
         one = replace(one, groups=tuple(_fewer(one)))
         variables = tuple(replace(v, name=f"{where}:{v.name}") for v in one.variables)
         made.append(replace(one, name=f"{h.name}{SIGN}{where}", variables=variables))

@@ -1,7 +1,7 @@
 """What counts as noise on a platform, frequency by frequency, and residuals divided by it.
 
-The noise of a channel is the spectrum of what the recalibrated model leaves of a commissioning log, plus the slow wander that the model states for the
-IMU, which no second log repeats. In these units a residual at its floor is white with variance one, so evidence and deviations need no tuning.
+The noise of a channel is the spectrum of what the recalibrated model leaves of a commissioning log, plus the slow wander that the model states for
+the IMU, which no second log repeats. In these units a residual at its floor is white with variance one, so evidence and deviations need no tuning.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spsp_ctrl.discrepancy.masks import Mask
 from spsp_ctrl.discrepancy.whitening import Split, robust_rms
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.layout import G
@@ -59,7 +60,7 @@ def spectrum(values: Array, rate_hz: float) -> Spectrum:
     """From one record, without its spikes."""
     level = max(robust_rms(values), 1e-15)
     lines = cosine_transform(bridged(values, spikes(values)))
-    hz = np.arange(len(lines)) * rate_hz / (2.0 * len(lines))
+    hz = np.asarray(np.arange(len(lines)) * rate_hz / (2.0 * len(lines)), np.float64)
     return Spectrum(hz, averaged(lines * lines) + 1e-6 * level * level)
 
 
@@ -75,7 +76,7 @@ class Whitener:
 
     scale: dict[str, Array]
     """One over the deviation, for the lines that are looked at."""
-    spikes: dict[str, Array]
+    spikes: dict[str, Mask]
     """Samples that a bad reading has spoilt, known from the log: they are bridged, whatever the model says."""
 
     def apply(self, residuals: Mapping[str, Array]) -> Array:
@@ -91,16 +92,16 @@ class Whitener:
         return out
 
 
-def spikes(values: Array) -> Array:
+def spikes(values: Array) -> Mask:
     """Samples that stand alone, far from the four around them."""
     if len(values) < 5:
-        return np.zeros(len(values), bool)
+        return np.zeros(len(values), np.bool_)
     padded = np.concatenate([values[:1], values[:1], values, values[-1:], values[-1:]])
     off = values - np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
-    return np.asarray(np.abs(off) > SPIKE * max(robust_rms(off), 1e-15))
+    return np.asarray(np.abs(off) > SPIKE * max(robust_rms(off), 1e-15), np.bool_)
 
 
-def bridged(values: Array, bad: Array) -> Array:
+def bridged(values: Array, bad: Mask) -> Array:
     """Bad samples replaced by the straight line between good ones."""
     if not bad.any():
         return values
@@ -113,7 +114,7 @@ def whitener(residuals: Split, rates: Mapping[str, float], noise: Mapping[str, S
     scale, bad = {}, {}
     for c, r in residuals.items():
         n, rate = len(r), rates[c]
-        hz = np.arange(n) * rate / (2.0 * n)
+        hz = np.asarray(np.arange(n) * rate / (2.0 * n), np.float64)
         keep = hz <= KEEP_HZ.get(c, KEEP_HZ[c.split(".")[0]])
         variance = noise[c].at(hz[keep]) + wander(c, hz[keep], n, rate, p)
         scale[c] = 1.0 / np.sqrt(copies * variance)

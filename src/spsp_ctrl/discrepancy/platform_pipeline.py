@@ -28,6 +28,7 @@ from spsp_ctrl.discrepancy.platform_search import Fit, Name, PlatformSearch
 from spsp_ctrl.discrepancy.platform_writing import platform_document, writable
 from spsp_ctrl.discrepancy.result import Curve, Diagnosis, NamedEffect, Unexplained, Value
 from spsp_ctrl.discrepancy.show import OPEN, gaps
+from spsp_ctrl.discrepancy.statistics import rms
 from spsp_ctrl.discrepancy.whitening import colour
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.layout import N_AXIS_PARAMETERS, A, G
@@ -112,11 +113,12 @@ def same_motion(one: PlatformReplica, other: PlatformReplica) -> bool:
     if abs(shift) > SAME_S * a.rate_hz or abs(len(a.measured) - len(b.measured)) > 2 * SAME_S * a.rate_hz:
         return False
     common, i, j = np.intersect1d(a.measured["cycle"], b.measured["cycle"], return_indices=True)
-    return len(common) > 0 and all(np.sqrt(np.mean((a.column(f"base.{c}_rad")[i] - b.column(f"base.{c}_rad")[j]) ** 2)) < SAME_RAD for c in ("pitch", "roll", "yaw"))
+    apart = (rms(a.column(f"base.{c}_rad")[i] - b.column(f"base.{c}_rad")[j]) for c in ("pitch", "roll", "yaw"))
+    return len(common) > 0 and max(apart) < SAME_RAD
 
 
 def baselines(trained: Sequence[PlatformReplica], commissioned: Sequence[PlatformReplica], p: Array) -> tuple[Split, ...] | None:
-    """For each training log what the model leaves of the commissioning log of the same motion, cycle by cycle; None unless every one has such a log."""
+    """For each training log what the model leaves of the commissioning log of the same motion, cycle by cycle; None unless each has such a log."""
     found = []
     for one in trained:
         other = next((c for c in commissioned if same_motion(one, c)), None)

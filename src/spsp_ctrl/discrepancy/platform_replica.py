@@ -165,7 +165,8 @@ def platform_replica(model: PlantModel, record: PlatformRecord) -> PlatformRepli
     """Put a model beside a record."""
     p, rate, config = model.parameters(), record.rate_hz, record.config
     n = len(record.measured)
-    motors = {a: record.column(f"resolver_{a}.counts") * (2.0 * pi / (p[k * N_AXIS_PARAMETERS + A.resolver_counts] or 2.0**32)) for k, a in enumerate(AXES)}
+    counts = {a: p[k * N_AXIS_PARAMETERS + A.resolver_counts] or 2.0**32 for k, a in enumerate(AXES)}
+    motors = {a: record.column(f"resolver_{a}.counts") * (2.0 * pi / counts[a]) for a in AXES}
     inputs = np.zeros((n, N_INPUT))
     inputs[:, :N_BASE], inputs[:, U.base_pitch : U.base_yaw + 1] = base_rows(record, float(p[G.swing_arm_m]))
     inputs[:, U.load_mass] = record.scenario.load.mass_kg
@@ -204,10 +205,10 @@ def platform_replica(model: PlantModel, record: PlatformRecord) -> PlatformRepli
 
 
 def azimuth_of(p: Array, inputs: Array, targets: Array, frames: Array, measured: dict[str, Array], rate_hz: float) -> tuple[Array, Array]:
-    """Azimuth joint and its rate as the IMU saw them, from its heading, the base and the joints by the rods; lag taken off, rattle above 10 Hz smoothed."""
+    """Azimuth joint and its rate as the IMU saw them: heading less base and joints by the rods; lag taken off, rattle above 10 Hz smoothed."""
     n = len(inputs)
-    pitch, roll = joints_of(p, targets)
-    cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+    pitch = joints_of(p, targets)[0]
+    cp, sp = np.cos(pitch), np.sin(pitch)
     forward = np.stack([cp, np.zeros(n), -sp], axis=1)  # image of the platform's x axis before the azimuth turns it: Ry Rx(-roll) leaves y out
     step = targets[:, 4] / p[G.az_gear_ratio]
     c, s = np.cos(step), np.sin(step)
@@ -219,7 +220,7 @@ def azimuth_of(p: Array, inputs: Array, targets: Array, frames: Array, measured:
     lag = float(p[G.imu_attitude_lag_s]) * rate_hz
     off = _wrapped(measured["imu_yaw"] - np.interp(frames - lag, grid, heading))
     off -= float(p[G.imu_yaw_bias_rad])
-    azimuth = step + np.interp(grid, frames - lag, np.unwrap(off)) / 1.0
+    azimuth = step + np.interp(grid, frames - lag, np.unwrap(off))
     return derivatives(azimuth, rate_hz, 0.05)[:2]
 
 

@@ -1,7 +1,7 @@
 """Name, for a platform: screen every (name, where) by its columns, refit the best, accept what earns its place, prune, and say what is alike.
 
-Residuals are whitened by the spectrum of the noise (``platform_noise``), so the fall of their squared sum is evidence as it stands. Simulations run on
-several threads: the kernel lets go of the interpreter.
+Residuals are whitened by the spectrum of the noise (``platform_noise``), so the fall of their squared sum is evidence as it stands. Simulations run
+on several threads: the kernel lets go of the interpreter.
 """
 
 from __future__ import annotations
@@ -127,7 +127,10 @@ class PlatformSearch:
         return np.stack([(after - z) / s for after, s in zip(self.many(points), steps, strict=True)], axis=1) if points else np.zeros((len(z), 0))
 
     def fit(self, p: Array, variables: Sequence[Variable], steps: int, known: dict[str, Array] | None = None, last: bool = True) -> Fit:
-        """Levenberg-Marquardt with bounds and priors. ``known``: columns by name of variable that are taken as given; ``last``: columns at the end too."""
+        """Levenberg-Marquardt with bounds and priors.
+
+        ``known``: columns by name of variable that are taken as given; ``last``: columns at the end too.
+        """
         variables, known = tuple(variables), known or {}
         p = place(p, variables, values_of(p, variables))
         z = self.z(p)
@@ -293,7 +296,7 @@ class PlatformSearch:
                 again = [n for n in rough if n in candidates][:AGAIN]
                 ranked = self.screened(self.columns([candidates[n] for n in again], state.z), state)
             self.trace.append((f"after {len(names)}", [(c.name, g) for g, c, _ in ranked]))
-            tried = []
+            tried: list[Trial] = []
             for gain, candidate, start in ranked[:BEST]:
                 if gain < 0.0 and tried:
                     continue
