@@ -21,7 +21,8 @@ FACTORS = UNITS | {
 LEGS = ("pitch", "roll")
 ACTUATOR = {
     "torque_constant": "kt", "current_lag": "current_lag", "current_limit": "current_limit", "rotor_inertia": "inertia",
-    "current_noise": "current_noise", "screw_lead": "lead", "gear_ratio": "gear", "axial_stiffness": "stiffness", "contact_damping": "damping", "resolver_counts": "counts",
+    "current_noise": "current_noise", "screw_lead": "lead", "gear_ratio": "gear", "axial_stiffness": "stiffness",
+    "contact_damping": "damping", "resolver_counts": "counts",
 }  # fmt: skip
 RIG = {
     "column_height": ("height",), "hinge_radius": ("upper", "lower"), "plate_ixx": ("ixx",), "plate_iyy": ("iyy",), "plate_izz": ("izz",),

@@ -27,9 +27,11 @@ _LEG = (
 )  # fmt: skip
 _RIG = (
     "height", "upper", "lower", "dh", "dru", "drl", "mass_z", "ixx", "iyy", "izz", "load", "cog_x", "cog_y", "cog_z", "own_xy", "own_z",
-    "carrier_izz", "az_holding", "az_teeth", "az_microsteps", "az_inertia", "az_damping", "az_detent", "az_gear", "az_stiffness", "az_mesh_damping", "az_ramp",
+    "carrier_izz", "az_holding", "az_teeth", "az_microsteps", "az_inertia", "az_damping", "az_detent", "az_gear", "az_stiffness",
+    "az_mesh_damping", "az_ramp",
     "az_gap", "az_coulomb", "az_bristle", "az_viscous", "attitude_lag", "gyro_lag", "imu_noise", "imu_step", "gyro_noise", "gyro_step",
-    "imu_roll_bias", "imu_pitch_bias", "imu_yaw_bias", "gyro_bias_x", "gyro_bias_y", "gyro_bias_z", "mount_x", "mount_y", "mount_z", "roll_scale", "pitch_scale",
+    "imu_roll_bias", "imu_pitch_bias", "imu_yaw_bias", "gyro_bias_x", "gyro_bias_y", "gyro_bias_z", "mount_x", "mount_y", "mount_z",
+    "roll_scale", "pitch_scale",
     "drift", "drift_time", "walk", "yaw_drift", "levelling", "acceleration_leak", "colour", "play_of_imu", "wobble", "wobble_order",
 )  # fmt: skip
 L: Any = namedtuple("L", _LEG)(*range(len(_LEG)))
@@ -132,7 +134,7 @@ def _inertia(p: Array) -> tuple[Array, Array]:
 
 @njit(cache=True)
 def cycle(s: Array, p: Array, base: Array, enable: float, currents: Array, rate: float, warm: Array, steps: int, period: float) -> None:
-    """One control cycle. ``base``: rows at its start and end of rotation (9), rate (3), angular acceleration (3), specific acceleration of the joint."""
+    """One control cycle. ``base``: rows at its start and end of rotation (9), rate (3), acceleration (3)."""
     dt = period / steps
     inertia, moment = _inertia(p)
     level = math.sqrt((p[R.upper] - p[R.lower]) ** 2 + p[R.height] ** 2)

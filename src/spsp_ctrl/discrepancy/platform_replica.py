@@ -219,7 +219,7 @@ def azimuth_of(p: Array, inputs: Array, targets: Array, frames: Array, measured:
     grid = np.arange(n, dtype=np.float64)
     lag = float(p[G.imu_attitude_lag_s]) * rate_hz
     off = _wrapped(measured["imu_yaw"] - np.interp(frames - lag, grid, heading))
-    off -= float(p[G.imu_yaw_bias_rad])
+    off -= float(p[G.imu_yaw_bias_rad] + p[G.imu_mount_z_rad])
     azimuth = step + np.interp(grid, frames - lag, np.unwrap(off))
     return derivatives(azimuth, rate_hz, 0.05)[:2]
 
