@@ -9,6 +9,7 @@ from click.testing import CliRunner, Result
 
 from spsp_ctrl.cli import cli
 from spsp_ctrl.config.loader import load_rig, load_scenario
+from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments import session
 from spsp_ctrl.experiments.session import Plan, SessionResult
@@ -24,10 +25,12 @@ def scenario(**values: Any) -> Scenario:
     return Scenario.model_validate(SWING.model_dump(by_alias=True) | values)
 
 
-def run_short(folder: Path, duration_s: float = 1.2, *, seed: int = 1, real_time: bool = False, **values: Any) -> SessionResult:
+def run_short(
+    folder: Path, duration_s: float = 1.2, *, seed: int = 1, real_time: bool = False, config: RigConfig | None = None, **values: Any
+) -> SessionResult:
     """A session into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
-    plan = Plan(load_rig(RIG).model, scenario(duration_s=duration_s, **values), CONFIG / "model.yaml", seed, real_time)
+    plan = Plan(config or load_rig(RIG).model, scenario(duration_s=duration_s, **values), CONFIG / "model.yaml", seed, real_time)
     return session.run_session(plan, session.prepare(plan), folder)
 
 

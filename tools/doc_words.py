@@ -10,7 +10,7 @@ FIELDS: dict[str, str] = {
     "Command.stamp_ns": "SYNC at which it was computed; it acts from the next one",
     "Command.seq": "counts commands from 0",
     "/events.level": "how grave it is",
-    "/events.id": "`mode`, `skip`, `motion` (the name of the motion that starts, on a single axis), or the id of a fault ([faults](faults.md))",
+    "/events.id": "`mode`, `skip`, `log-failed`, `law-fallback`, `motion` (the name of the motion that starts, on a single axis), or the id of a fault ([faults](faults.md))",
     "/events.text": "for a person",
 }
 """Meaning by ``Class.field`` or, where it is the same everywhere, by ``field``. A docstring in ``messages.py`` comes first."""

@@ -18,6 +18,7 @@ from spsp_ctrl.cli import common
 from spsp_ctrl.config.import_map import ImportMap
 from spsp_ctrl.config.rig import MechanismFile, RigConfig
 from spsp_ctrl.config.scenario import Scenario
+from spsp_ctrl.config.served import ServedFile
 from spsp_ctrl.config.units import UNITS, spellings
 from spsp_ctrl.plant import layout
 from spsp_ctrl.plant.axis import INPUTS, OUTPUTS
@@ -317,6 +318,7 @@ GENERATORS: dict[str, Callable[[], Any]] = {
     "scenario-keys": lambda: config_tables(Scenario),
     "import-map-keys": lambda: config_tables(ImportMap),
     "rig-keys": lambda: config_tables(RigConfig),
+    "served-keys": lambda: config_tables(ServedFile),
     "mechanism-keys": lambda: config_tables(MechanismFile).split("\n\n### ")[0],
 }
 

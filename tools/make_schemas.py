@@ -18,8 +18,10 @@ from pydantic import BaseModel
 from spsp_ctrl.config.import_map import ImportMap
 from spsp_ctrl.config.rig import RigConfig
 from spsp_ctrl.config.scenario import Scenario
+from spsp_ctrl.config.served import ServedFile
 from spsp_ctrl.config.units import UNITS, spellings
 from spsp_ctrl.plant.axis_model import ACTUATOR_KEYS, AXIS_EFFECTS, AXIS_KEYS, BARE_ACTUATOR_KEYS, AxisFile
+from spsp_ctrl.plant.axis_scenario import AxisScenario
 from spsp_ctrl.plant.effects import EFFECTS, Effect, Parameter
 from spsp_ctrl.plant.layout import AXIS_BASE, GLOBAL_BASE
 from spsp_ctrl.plant.model import ModelFile, effect_keys, key
@@ -118,7 +120,9 @@ def schemas() -> dict[str, str]:
         "scenario.schema.json": model_class_schema(Scenario),
         "model.schema.json": plant_model_schema(),
         "axis.schema.json": axis_model_schema(),
+        "axis-scenario.schema.json": model_class_schema(AxisScenario),
         "import-map.schema.json": model_class_schema(ImportMap),
+        "served.schema.json": model_class_schema(ServedFile),
     }
     return {name: json.dumps(schema, indent=1, ensure_ascii=False) + "\n" for name, schema in found.items()}
 

@@ -14,11 +14,11 @@ from spsp_ctrl.config.loader import _construct
 from tools import make_schemas
 
 CONFIG = Path(__file__).parents[2] / "config"
-KIND = {name: f"{name}.schema.json" for name in ("rig", "scenario", "model", "axis", "import-map")}
+KIND = {name: f"{name}.schema.json" for name in ("rig", "scenario", "model", "axis", "axis-scenario", "import-map", "served")}
 """Schema by the kind of file; a model file of ``kind: axis`` has its own."""
 FILES = [
     path
-    for path in sorted(CONFIG.rglob("*.yaml"))
+    for path in sorted([*CONFIG.rglob("*.yaml"), *(CONFIG.parent / "hil").glob("*.yaml")])
     if (schema := yaml.safe_load(path.read_text(encoding="utf-8"))["schema"]).split("/")[1] in KIND and schema.startswith("spsp-ctrl/")
 ]
 
@@ -85,7 +85,7 @@ def test_every_key_is_described_or_says_its_unit() -> None:
     """An editor has something to show for each section and each quantity of a model."""
     for name, text in make_schemas.schemas().items():
         schema = json.loads(text)
-        for title, node in schema["$defs"].items():
+        for title, node in schema.get("$defs", {}).items():
             assert node.get("description"), f"{name}: {title}"
     model = json.loads(make_schemas.schemas()["model.schema.json"])
     for section in ("actuator", "rig"):

@@ -21,6 +21,8 @@ from click.testing import CliRunner
 from spsp_ctrl.cli import cli
 
 CONFIG = Path(__file__).parents[2] / "config"
+REALTIME = (CONFIG / "rig.yaml").read_text(encoding="utf-8").rpartition("\nrealtime:")[2]
+"""All of the last section."""
 RIG, MODEL, SCENARIO = "rig.yaml", "model.yaml", "experiments/swing-2dof.yaml"
 SECTION = "mechanism"
 HEAD = {RIG: "schema: spsp-ctrl/rig/1\n", MODEL: "schema: spsp-ctrl/model/1\n", SCENARIO: "schema: spsp-ctrl/scenario/1\nname: x\n"}
@@ -76,7 +78,7 @@ CASES = (
     edit("missing-key", "  rod_speed_mm_s: 80.0 ", "  #", ("limits:", "key 'limits.rod_speed_mm_s' is missing")),
     edit("section-line-lost", "\nimu:", "\n#", ("  rate_hz: 200.0", "key 'rate_hz' is given twice; delete one")),
     edit("missing-section", "\nroll_actuator: *actuator", "\n#", ("# yaml", "key 'roll_actuator' is missing; add it to this mapping")),
-    edit("empty-section", "  enabled: true\n  priority: 50 ", "  #", ("realtime:", "realtime: expected `key: value` lines, found nothing")),
+    edit("empty-section", REALTIME, "  #\n", ("realtime:", "realtime: expected `key: value` lines, found nothing")),
     edit("list-for-mapping", f"{SECTION}:", f"{SECTION}: [1, 2]\nold:", (f"{SECTION}: [1, 2]", f"{SECTION}: expected `key: value` lines, found a list"),
          ("old:", "unknown key 'old'")),
     edit("two-problems", "rod_speed_mm_s: 80.0", "rod_speed_mm_s: 0\n  rod_speed: 3",
@@ -86,7 +88,7 @@ CASES = (
          (f"{SECTION}:", "impossible geometry: moving_radius_mm (300) must be smaller than column_height_mm (265.5)"), subprocess=True),
     edit("stroke-too-short", "stroke_min_mm: -34.1", "stroke_min_mm: -20.0",
          ("stroke_min_mm", "does not reach pitch_limit_deg = +20, which needs -34.12 mm"), ("stroke_min_mm", "does not reach roll_limit_deg")),
-    edit("unknown-driver", "driver: simulated", "driver: teleport", ("driver: teleport", "rig.driver = 'teleport': input should be 'simulated'")),
+    edit("unknown-driver", "driver: simulated", "driver: teleport", ("driver: teleport", "rig.driver = 'teleport': it must be one of 'simulated', 'bus'")),
     edit("seed-too-large", "seed: 1 ", "seed: 99999999999 ", ("seed: 99999999999", "rig.seed = 99999999999 is out of range: it must be <= 2.14748e+09")),
     edit("missing-scenario", "swing-2dof.yaml", "swing-3dof.yaml", ("scenario: ", "scenario: no such file: "), subprocess=True),
     edit("missing-model", "model: model.yaml", "model: nothing.yaml", ("model: nothing.yaml", "rig.model: no such file: ")),

@@ -22,7 +22,9 @@ def imports(path: Path) -> set[str]:
 
 
 def test_roles_share_tables_only() -> None:
-    names = sorted(p.stem for p in FOLDER.glob("*.py") if p.stem != "__init__")
+    # units of the rig and of the wire: arithmetic that families and the virtual rig share, no protocol
+    assert imports(FOLDER / "scaling.py") <= {"__future__", "math", "struct"}
+    names = sorted(p.stem for p in FOLDER.glob("*.py") if p.stem not in ("__init__", "scaling"))
     assert {n.rsplit("_", 1)[1] for n in names} == {"table", "host", "device", "eds"}
     for name in names:
         role = name.rsplit("_", 1)[1]
@@ -34,3 +36,15 @@ def test_roles_share_tables_only() -> None:
 def test_protocols_do_no_io_and_know_no_clock() -> None:
     for path in FOLDER.glob("*.py"):
         assert not {i.split(".")[0] for i in imports(path)} & IO, path.name
+
+
+def test_only_transports_touch_ports() -> None:
+    """A port is opened in ``devices/transport`` and nowhere else; the codecs there are as pure as the protocols."""
+    pure = {"base", "bus_load", "lockstep", "opening", "slcan_codec", "slcan_device", "trouble"}
+    for path in sorted((FOLDER / "transport").glob("*.py")):
+        used = {i.split(".")[0] for i in imports(path)} & IO
+        assert path.stem not in pure or not used, f"{path.name} imports {used}"
+    source = FOLDER.parent
+    for path in sorted(source.rglob("*.py")):
+        if "transport" not in path.parts:
+            assert not {i.split(".")[0] for i in imports(path)} & {"serial", "canopen", "pytrinamic", "mscl"}, path

@@ -1,4 +1,4 @@
-"""Every command and example in README.md and docs/ is run as it stands, in a folder with nothing but a copy of ``config/``.
+"""Every command and example in README.md and docs/ is run as it stands, in a folder with nothing but copies of ``config/`` and ``hil/``.
 
 In ``sh`` blocks each line must exit with 0, or with N where it ends in ``# exit N``. A ``yaml`` block after ``<!-- file: PATH -->`` is written
 there first; ``python`` blocks are run. ``<!-- not run: reason -->`` before a block leaves it out. Lines that set up a checkout are left to CI.
@@ -73,7 +73,8 @@ def test_page(page: Path, tmp_path: Path) -> None:
     found = list(blocks(page.read_text(encoding="utf-8")))
     if not found:
         pytest.skip("nothing to run on this page")
-    shutil.copytree(ROOT / "config", tmp_path / "config")
+    for folder in ("config", "hil"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "MPLBACKEND": "Agg"}
     for block in found:
         if block.kind == "yaml":

@@ -9,7 +9,7 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from tests.sessions import RIG, command, one_clear_line, run_short
 
 from spsp_ctrl.messages import Measurement
+from spsp_ctrl.recording import writer
 from spsp_ctrl.recording.reader import LogData, LogError, digest_topics, read_log
 from spsp_ctrl.recording.schema import CYCLIC, TOPICS
 from spsp_ctrl.recording.writer import Recorder, RecorderError
@@ -223,7 +224,7 @@ def test_a_dead_writer_does_not_disturb_the_run_and_the_loss_is_counted(
     figures: dict[str, Any] = json.loads((tmp_path / "run" / "summary.json").read_text())["log"]
     data = read_log(tmp_path / "run" / "run.mcap")
     kept = sum(map(len, data.topics.values())) + len(data.events) + len(data.operator)
-    handed = 4 * result.loop.cycles + len(result.loop.events) + 1
+    handed = 4 * result.loop.cycles + len(result.loop.events) + len(result.loop.skipped_stamps_ns) + 1
     assert figures["records"] == kept
     assert figures["lost"] == handed - kept > 1000
     assert "writer" in figures["problem"]
@@ -236,25 +237,94 @@ def test_a_log_that_cannot_be_opened_is_refused_before_the_clock_starts(tmp_path
         Recorder(folder / "run.mcap", real_time=False)
 
 
-def test_a_full_file_system_is_reported_and_the_run_ends_cleanly(tmp_path: Path) -> None:
+LIMIT = 300_000
+
+
+def when_running(monkeypatch: pytest.MonkeyPatch, now_ns: int, do: Callable[[int], object]) -> None:
+    """``do(pid of the writer)`` once, at the first cycle from ``now_ns`` on."""
+    read: Callable[[SimulatedRig, int], Measurement] = SimulatedRig.read
+    done: list[int] = []
+
+    def doing(self: SimulatedRig, at_ns: int) -> Measurement:
+        if at_ns >= now_ns and not done:
+            done.append(writer_pid())
+            do(done[0])
+        return read(self, at_ns)
+
+    monkeypatch.setattr(SimulatedRig, "read", doing)
+
+
+@pytest.mark.parametrize("clock", [("--fast",), ()], ids=["lock-step", "real-time"])
+def test_a_full_file_system_is_reported_and_the_run_ends_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: tuple[str, ...]) -> None:
     folder = tmp_path / "run"
-    arguments = ["run", "-c", str(RIG), "--fast", "--duration", "1", "--out", str(folder), "--json"]
-    limit = 300_000
-    program = "from spsp_ctrl.cli import main; main()"
-    run = subprocess.run(
-        [sys.executable, "-c", program, *arguments],
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
-    )
-    assert run.returncode == 4, run.stderr
-    assert "Traceback" not in run.stderr
+    when_running(monkeypatch, 0, lambda pid: resource.prlimit(pid, resource.RLIMIT_FSIZE, (LIMIT, LIMIT)))
+    run = command("run", "-c", RIG, *clock, "--duration", "1", "--out", folder, "--json")
+    assert run.exit_code == 4, run.output
     assert "File too large" in run.stderr
     assert "records lost" in run.stderr
     summary = json.loads(run.stdout)
-    assert summary["ended"] == "completed"
+    assert summary["ended"] == "completed", "control goes on"
     assert summary["log"]["lost"] > 0
     data = read_log(folder / "run.mcap")
     assert not data.complete
-    assert (folder / "run.mcap").stat().st_size <= limit
+    assert (folder / "run.mcap").stat().st_size <= LIMIT
     assert len(data.topics["/control"]) > 50
+
+
+def test_a_limit_on_files_that_leaves_no_shared_memory_is_refused_in_one_line(tmp_path: Path) -> None:
+    """``ulimit -f`` holds for the memory of the ring as well: said before anything moves."""
+    arguments = ["run", "-c", str(RIG), "--fast", "--duration", "1", "--out", str(tmp_path / "run"), "--json"]
+    run = subprocess.run(
+        [sys.executable, "-c", "from spsp_ctrl.cli import main; main()", *arguments],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (LIMIT, LIMIT)),
+    )
+    assert run.returncode == 2
+    assert len(run.stderr.strip().splitlines()) == 1
+    assert "ulimit -f" in run.stderr
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 1 MiB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(place)], capture_output=True).returncode:
+        pytest.skip("only root may mount a small file system")
+    yield place
+    subprocess.run(["umount", "--lazy", str(place)], check=True)
+
+
+def test_a_disk_that_fills_up_costs_the_rest_of_the_log_and_nothing_else(small_disk: Path) -> None:
+    run = command("run", "-c", RIG, "--fast", "--duration", "3", "--out", small_disk / "run", "--json")
+    assert run.exit_code == 4, run.output
+    assert json.loads(run.stdout)["ended"] == "completed"
+    assert "No space left on device" in run.stderr
+    assert "summary.json: cannot be written" in run.stderr
+    assert sorted(p.name for p in (small_disk / "run").iterdir()) == ["model.yaml", "rig.yaml", "run.mcap", "scenario.yaml"]
+    data = read_log(small_disk / "run" / "run.mcap")
+    assert len(data.topics["/control"]) > 500
+    assert "/truth" in data.topics
+
+
+def test_a_read_only_file_system_is_refused_before_anything_moves(small_disk: Path) -> None:
+    subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], check=True)
+    run = command("run", "-c", RIG, "--fast", "--duration", "1", "--out", small_disk / "run", "--json")
+    one_clear_line(run, 2, "read-only file system", "run")
+
+
+@pytest.mark.parametrize("real_time", [False, True], ids=["lock-step", "real-time"])
+def test_a_writer_that_stands_still_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, real_time: bool) -> None:
+    """SIGSTOP, as a dead network disk looks like: lost in real time when the ring is full, waited for in lock-step, but not for ever."""
+    monkeypatch.setattr(writer, "STALL_S", 0.3)
+    monkeypatch.setattr(writer, "CLOSE_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(writer.Recorder.__init__, "__kwdefaults__", {"attachments": None, "metadata": None, "ring_bytes": 200_000})
+    when_running(monkeypatch, 400_000_000, lambda pid: os.kill(pid, signal.SIGSTOP))
+    result = run_short(tmp_path / "run", 0.9, real_time=real_time)
+    assert result.loop.ended == "completed"
+    figures = result.summary["log"]
+    assert figures["lost"] > 1000
+    assert figures["problem"] == ("the log writer is too slow, its ring is full" if real_time else "the log writer has stood still for 0.3 s")
+    assert 200 < len(result.log.topics["/control"]) < 600
+    assert figures["records"] + figures["lost"] == 4 * result.loop.cycles + len(result.loop.events) + len(result.loop.skipped_stamps_ns) + 1

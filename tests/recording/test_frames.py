@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from spsp_ctrl.messages import Control, Measurement, Timing, Truth
 from spsp_ctrl.recording import frames
+from spsp_ctrl.recording.ring import Ring, create
 from spsp_ctrl.recording.schema import CYCLIC, TOPICS
 from spsp_ctrl.recording.writer_process import CHUNK_BYTES, CHUNK_NS, McapLog, serve
 
@@ -45,7 +48,26 @@ def _cycles() -> list[tuple[int, list[object]]]:
 def _frame(t: int, k: int, messages: list[object]) -> bytes:
     pack = frames.pack_with_truth if len(messages) == len(CYCLIC) else frames.pack_without_truth
     size = sum(frames.SIZES[: len(messages)])
-    return pack(t, k, (frames.CYCLE, len(messages), t, k, size), *messages)
+    frame = bytearray(frames.FRAME.size + size)
+    pack(frame, 0, t, k, (frames.CYCLE, len(messages), t, k, size), *messages)
+    return bytes(frame)
+
+
+def _serve(stream: list[bytes], path: Path, capacity: int = 1 << 20) -> None:
+    """The frames through a ring and the writer, which asks for more whenever the ring is empty."""
+    fd = create(capacity)
+    ring, other = Ring(fd), Ring(fd)
+    os.close(fd)
+    waiting = deque(stream)
+
+    def ended() -> bool:
+        while waiting and ring.put(waiting[0]):
+            waiting.popleft()
+        return not waiting
+
+    serve(other, path, ended)
+    for end in (ring, other):
+        end.close()
 
 
 def _event(t: int, k: int) -> bytes:
@@ -53,29 +75,25 @@ def _event(t: int, k: int) -> bytes:
     return frames.FRAME.pack(frames.MESSAGE, frames.TOPIC_NAMES.index("/events"), t, k, len(payload)) + payload
 
 
-@pytest.mark.parametrize("piece", [1 << 20, 1000])
-def test_log_equals_that_of_the_library(tmp_path: Path, piece: int) -> None:
+@pytest.mark.parametrize("capacity", [1 << 20, 5000])
+def test_log_equals_that_of_the_library(tmp_path: Path, capacity: int) -> None:
     path = tmp_path / "run.mcap"
-    stream = b""
+    stream: list[bytes] = []
     plain = io.BytesIO()
     library = Writer(plain, chunk_size=CHUNK_BYTES, compression=CompressionType.NONE)
     library.start()
     channels = [library.register_channel(topic, "", 0) for topic in frames.TOPIC_NAMES]
     for k, (t, messages) in enumerate(_cycles()):
-        stream += _frame(t, k, messages)
+        stream.append(_frame(t, k, messages))
         for channel, topic, message in zip(channels, CYCLIC, messages, strict=False):
             library.add_message(channel, t, TOPICS[topic].encode(message), t, k)  # type: ignore[arg-type]
         if k % 50 == 20:
             # an event may be older than the cycle it is reported in
-            stream += _event(t - 3 * PERIOD_NS, k)
+            stream.append(_event(t - 3 * PERIOD_NS, k))
             library.add_message(channels[4], t - 3 * PERIOD_NS, _event(t - 3 * PERIOD_NS, k)[frames.FRAME.size :], t - 3 * PERIOD_NS, k)
     library.finish()
 
-    class Pieces(io.BytesIO):
-        def read1(self, size: int | None = -1, /) -> bytes:
-            return self.read(piece)
-
-    serve(Pieces(stream), path)
+    _serve(stream, path, capacity)
 
     def content(data: io.BufferedReader | io.BytesIO) -> tuple[list[object], object]:
         reader = SeekingReader(data, validate_crcs=True)
@@ -93,7 +111,7 @@ def test_log_equals_that_of_the_library(tmp_path: Path, piece: int) -> None:
 
 def test_chunks_are_small_and_short(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    serve(io.BufferedReader(io.BytesIO(b"".join(_frame(t, k, m) for k, (t, m) in enumerate(_cycles())))), path)  # type: ignore[arg-type]
+    _serve([_frame(t, k, m) for k, (t, m) in enumerate(_cycles())], path)
     with path.open("rb") as stream:
         chunks = [r for r in StreamReader(stream).records if isinstance(r, ChunkIndex)]
     assert len(chunks) > COUNT * PERIOD_NS // CHUNK_NS

@@ -73,6 +73,13 @@ def test_everything_is_on_the_screen_and_fits(width: int, encoding: str) -> None
         assert text.count("▅") == 1  # the one spike of 6 in a range of 10
 
 
+@pytest.mark.parametrize("width", [80, 120])
+def test_a_degraded_loop_is_said(width: int) -> None:
+    degraded: Status = {**STATUS, "degraded": "fifo, memory locked"}
+    assert "degraded" in "".join(draw(degraded, width))
+    assert "degraded" not in "".join(draw(STATUS, width))
+
+
 def test_help_appears_on_request_only() -> None:
     assert "space stops" not in "\n".join(draw(STATUS, 60))
     assert "space stops" in "\n".join(draw(STATUS, 60, show_help=True))

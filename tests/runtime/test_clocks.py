@@ -42,8 +42,8 @@ def check_invariants(result: SessionResult) -> None:
     assert ((timing["lateness_ns"] >= 0) & (timing["lateness_ns"] < PERIOD_NS)).all()
     skipped = int(timing["skipped"].sum())
     assert result.loop.skipped == result.summary["timing_us"]["skipped"] == skipped
-    assert result.loop.skipped_stamps_ns == stamps[timing["skipped"] > 0].tolist()
-    assert [event["stamp_ns"] for event in result.log.events if event["id"] == "skip"] == result.loop.skipped_stamps_ns
+    assert list(result.loop.skipped_stamps_ns) == stamps[timing["skipped"] > 0].tolist()
+    assert [event["stamp_ns"] for event in result.log.events if event["id"] == "skip"] == list(result.loop.skipped_stamps_ns)
     assert len(stamps) + skipped == int(topics["/control"]["cycle"][-1]) + 1
     assert modes(topics["/control"]) == ORDER
     stopping = stamps[topics["/control"]["mode"] == Mode.STOPPING]

@@ -41,6 +41,7 @@ class Case(NamedTuple):
     training: str
     controller: str
     resolver: bool
+    held_out: str = "held_out"
 
 
 class Record(NamedTuple):
@@ -49,6 +50,10 @@ class Record(NamedTuple):
     motion: Motion
     rows: Array
     law: Law
+    lost: Array
+    """1 for the cycles that the log does not have."""
+    when: Array
+    """When each cycle was sampled, as a share of the period after its nominal time."""
 
 
 def _picks(group: str, seed: int, index: int, rng: np.random.Generator) -> list[tuple[str, float]]:
@@ -66,8 +71,8 @@ def _picks(group: str, seed: int, index: int, rng: np.random.Generator) -> list[
         order = np.random.default_rng([seed, 12, index // len(kinds)]).permutation(len(kinds))
         return [(kinds[order[index % len(kinds)]], float(rng.choice(_EASY)))]
     if group == "twins":
-        pairs = [sorted(pair) for pair in catalogue.TWINS]
-        return [(pairs[index % len(pairs)][int(rng.integers(2))], float(rng.choice([1.0, 3.0])))]
+        pair = catalogue.LOOK_ALIKE[index % len(catalogue.LOOK_ALIKE)]
+        return [(pair.names[int(rng.integers(2))], float(rng.choice(pair.severities)))]
     if group == "poor":
         return [(str(rng.choice(names)), float(rng.choice(_EASY)))]
     return []
@@ -85,7 +90,10 @@ def draw(group: str, seed: int, index: int) -> Case:
             sensing.Climate(outliers=0.003),
             sensing.Climate(gain=1.5),
             sensing.Climate(colour=0.9, outliers=0.002),
-        )[index % 5]
+            sensing.Climate(lost=0.004, held=0.01),
+            sensing.Climate(jitter=0.03),
+            sensing.Climate(colour=0.5, lost=0.002, jitter=0.02),
+        )[index % 8]
     elif rng.random() < 0.3:
         climate = sensing.Climate(colour=float(rng.uniform(0.3, 0.8)))
     controller = "recorded" if rng.random() < 0.25 else "cascade"
@@ -95,9 +103,10 @@ def draw(group: str, seed: int, index: int) -> Case:
         int(rng.integers(1 << 31)),
         items,
         climate,
-        "poor" if group == "poor" else "training",
+        {"poor": "poor", "twins": "plain"}.get(group, "training"),
         controller,
         bool(rng.random() < 0.75),
+        "plain_held_out" if group == "twins" else "held_out",
     )
 
 
@@ -114,11 +123,19 @@ def build(case: Case, nominal: Array, without: int | None = None, clean: bool = 
 
 def simulate(case: Case, p: Array, nominal: Array, kind: str, noise_seed: int) -> Record:
     """Drive the machine through one kind of motion."""
-    law = machine.cascade(nominal, resolver=case.resolver)
-    motion = motions.KINDS[kind](case.seed)
-    noise = sensing.draw(motions.CYCLES, case.climate, np.random.default_rng([case.seed, noise_seed]))
-    rows = run(p, np.array(law), True, np.zeros(1), np.column_stack(motion.inputs), noise, 0.0, STEPS)
-    return Record(motion, rows, law)
+    return drive(case, p, motions.KINDS[kind](case.seed), machine.cascade(nominal, resolver=case.resolver), noise_seed)
+
+
+def drive(case: Case, p: Array, motion: Motion, law: Law, noise_seed: int) -> Record:
+    """Drive the machine through a motion under a law."""
+    cycles = len(motion.inputs.reference_m)
+    noise = sensing.draw(cycles, case.climate, np.random.default_rng([case.seed, noise_seed]))
+    if case.climate.held > 0.0:
+        p = p.copy()
+        p[I.dropout] = max(p[I.dropout], case.climate.held)
+    rows = run(p, np.array(law), True, np.zeros(1), np.column_stack(motion.inputs), noise, float(motion.inputs.reference_m[0]), STEPS)
+    gone = sensing.lost(cycles, case.climate, np.random.default_rng([case.seed, noise_seed, 7]))
+    return Record(motion, rows, law, gone, noise[:, 6])
 
 
 def visibility(case: Case, nominal: Array) -> list[dict[str, float]]:
@@ -126,11 +143,12 @@ def visibility(case: Case, nominal: Array) -> list[dict[str, float]]:
 
     The floor of a channel is what the machine without it does again on the same motion with other noise: rms of the difference of two runs, per run.
     """
-    with_it = simulate(case, build(case, nominal)[0], nominal, "held_out", 31).rows
+    kind = case.held_out
+    with_it = simulate(case, build(case, nominal)[0], nominal, kind, 31).rows
     shown = []
     for i in range(len(case.items)):
         machine_without, _ = build(case, nominal, without=i)
-        without, again = (simulate(case, machine_without, nominal, "held_out", seed).rows for seed in (31, 32))
+        without, again = (simulate(case, machine_without, nominal, kind, seed).rows for seed in (31, 32))
         ratio = {}
         for name, c in CHANNELS.items():
             floor = float(np.sqrt(np.mean((without[:, c] - again[:, c]) ** 2) / 2.0))

@@ -236,9 +236,41 @@ OUTSIDE: dict[str, Kind] = {
 TWINS: tuple[frozenset[str], ...] = (
     frozenset({"torque_offset", "friction_asymmetry"}),
     frozenset({"lead_error", "guide_slope"}),
-    frozenset({"drive_lag", "command_delay"}),
 )
 """Names that the sensor set (or a motion that never stops) cannot tell apart: each counts as right when the other is named in one class with it."""
+
+
+class LookAlike(NamedTuple):
+    """Two names that the plain motion cannot part at these severities (whether so is checked in every case, from the truth alone)."""
+
+    names: tuple[str, str]
+    severities: tuple[float, ...]
+
+
+LOOK_ALIKE: tuple[LookAlike, ...] = (
+    LookAlike(("torque_offset", "friction_asymmetry"), (1.0, 3.0)),
+    LookAlike(("coulomb_friction", "load_friction"), (0.3, 1.0)),
+    LookAlike(("thermal_expansion", "zero_offset"), (0.3, 1.0)),
+    LookAlike(("lead_error", "guide_slope"), (1.0, 3.0)),
+    LookAlike(("drive_lag", "command_delay"), (0.3,)),
+)
+"""Pairs of the set ``twins``. A drive that lags by more than a millisecond is no twin of a delay any more: the loop itself shows the difference."""
+
+SIZES: dict[str, tuple[tuple[str, ...], float]] = {
+    "torque_offset": (("torque_offset",), 3e-3), "friction_asymmetry": (("coulomb_asymmetry",), 2e-3),
+    "coulomb_friction": (("coulomb", "static"), 5e-3),
+    "load_friction": (("load_factor",), 0.5), "thermal_expansion": (("expansion",), 11.5e-6 * SCREW_LENGTH_M), "zero_offset": (("zero",), 15e-6),
+    "lead_error": (("slope",), 5e-4), "guide_slope": (("abbe",), 5e-4), "drive_lag": (("extra_lag",), 1.5e-3), "command_delay": (("delay",), 1.5e-3),
+}  # fmt: skip
+"""Fields by which a look-alike is sized to stand for its twin, and a moderate size."""
+
+
+def look_alike_of(effect: str) -> str | None:
+    """The name that the set ``twins`` pairs with an effect."""
+    for pair in LOOK_ALIKE:
+        if effect in pair.names:
+            return pair.names[1 - pair.names.index(effect)]
+    return None
 
 
 def twins_of(effect: str) -> frozenset[str]:

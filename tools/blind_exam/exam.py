@@ -9,10 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tools.blind_exam import logs, machine, sealing, subject
-from tools.blind_exam.case import CHANNELS, DETECTABLE, Case, build, draw, recalibration, simulate, visibility
+from tools.blind_exam import bench, logs, machine, sealing, subject
+from tools.blind_exam.case import CHANNELS, DETECTABLE, Case, build, draw, drive, recalibration, simulate, visibility
+from tools.blind_exam.look_alike import likeness
 from tools.blind_exam.physics import Array
-from tools.blind_exam.scoring import score
+from tools.blind_exam.scoring import resolved, score
 
 Diagnose = Callable[[list[str]], subject.Ran]
 
@@ -30,8 +31,10 @@ def answer_of(case: Case, nominal: Array) -> dict[str, Any]:
     """What is hidden, and by the truth alone whether it can be seen."""
     _, hidden = build(case, nominal)
     shown = visibility(case, nominal)
+    like = likeness(case, nominal) if case.group == "twins" else None
     return {
         "group": case.group,
+        "twin": None if like is None else {"name": like.name, "apart": float(f"{like.apart:.4g}")},
         "hidden": [
             {
                 "effect": h.effect,
@@ -53,10 +56,47 @@ def write_logs(case: Case, nominal: Array, folder: Path) -> tuple[Path, Path, Pa
     full, _ = build(case, nominal)
     clean, _ = build(case, nominal, clean=True)
     paths = []
-    for name, p, kind, noise in (("train", full, case.training, 21), ("commissioning", clean, "training", 22), ("held-out", full, "held_out", 31)):
+    calibrated = "training" if case.training == "poor" else case.training
+    for name, p, kind, noise in (("train", full, case.training, 21), ("commissioning", clean, calibrated, 22), ("held-out", full, case.held_out, 31)):
         paths.append(folder / f"{name}.mcap")
         logs.write(paths[-1], simulate(case, p, nominal, kind, noise), case.controller)
     return paths[0], paths[1], paths[2]
+
+
+def follow(
+    case: Case,
+    nominal: Array,
+    finding: subject.Finding,
+    answer: dict[str, Any],
+    given: tuple[Path, Path, Path],
+    settings: Settings,
+    diagnose: Diagnose,
+) -> dict[str, Any]:
+    """Run the experiment that the diagnosis asks for on the sealed machine, diagnose again with its log, and say whether the twins are parted."""
+    train, commissioning, held = given
+    if finding.following is None:
+        return {"asked": False, "resolved": None}
+    folder = train.parent
+    row: dict[str, Any] = {"asked": True, "resolved": False}
+    try:
+        motion, law = bench.read(folder / "result" / finding.following, nominal)
+    except (bench.BenchError, KeyError, ValueError, TypeError, OSError) as error:
+        return row | {"not_run": f"{type(error).__name__}: {error}"}
+    log, again = folder / "next.mcap", folder / "again"
+    logs.write(log, drive(case, build(case, nominal)[0], motion, law, 51), case.controller)
+    ran = diagnose(subject.command(train, commissioning, held, settings.model, again, settings.seed, (log,)))
+    row["seconds_again"] = round(ran.seconds, 2)
+    try:
+        second = subject.read(again / "diagnosis.json")
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        return row | {"not_run": f"{type(error).__name__}: {error}"}
+    if not settings.keep:
+        log.unlink()
+    return row | {
+        "resolved": resolved(answer, second),
+        "named_again": [n.effect for n in second.named],
+        "classes_again": [sorted(n.members) for n in second.named],
+    }
 
 
 def run_case(group: str, exam_seed: int, index: int, settings: Settings, diagnose: Diagnose = subject.diagnose) -> dict[str, Any]:
@@ -94,6 +134,8 @@ def run_case(group: str, exam_seed: int, index: int, settings: Settings, diagnos
     else:
         answer = sealing.unseal(exam, case.name, diagnosis)
     row |= {"hidden": answer["hidden"], **score(answer, finding)}
+    if group == "twins":
+        row |= follow(case, nominal, finding, answer, (train, commissioning, held), settings, diagnose)
     if not settings.keep:
         for path in (train, commissioning, held):
             path.unlink()

@@ -33,9 +33,12 @@ def controller_yaml(law: Law) -> str:
 def samples(record: Record) -> Iterator[AxisSample]:
     """One message per cycle."""
     inputs = np.column_stack(record.motion.inputs)
+    stamps = np.round((np.arange(1, len(inputs) + 1) + record.when) * PERIOD_NS).astype(np.int64).tolist()
     for k, (row, u) in enumerate(zip(record.rows.tolist(), inputs.tolist(), strict=True)):
+        if record.lost[k]:
+            continue
         yield AxisSample(
-            stamp_ns=(k + 1) * PERIOD_NS,
+            stamp_ns=stamps[k],
             cycle=k,
             enabled=True,
             velocity_mode=False,
@@ -59,9 +62,10 @@ def write(path: Path, record: Record, controller: str) -> None:
     attachments = {"controller.yaml": controller_yaml(record.law)} if controller == "cascade" else {}
     with AxisLog(path, rate_hz=RATE_HZ, controller=controller, attachments=attachments) as log:
         events = dict(record.motion.events)
-        for k, sample in enumerate(samples(record)):
-            if k in events:
-                log.motion(sample.stamp_ns, events[k])
+        waiting = sorted(events)
+        for sample in samples(record):
+            while waiting and sample.cycle >= waiting[0]:
+                log.motion(sample.stamp_ns, events[waiting.pop(0)])
             log.sample(sample)
 
 

@@ -114,8 +114,9 @@ def training(seed: int) -> Motion:
     lap_a, lap_b = CYCLES - 2 * int(lap_s * RATE_HZ), CYCLES - int(lap_s * RATE_HZ)
     load = np.zeros(CYCLES)
     mass = np.zeros(CYCLES)
-    load[: lap_a // 2] = 20.0
-    load[lap_a // 2 : lap_a] = 80.0
+    at = {name: cycle for cycle, name in reversed(pen.events)}
+    load[: at["reversals"]] = 20.0
+    load[at["multisine"] : lap_a] = 80.0  # none in the reversals: the nut goes from flank to flank there
     mass[lap_a:] = 5.0
     load[lap_a:] = 40.0
     half = np.arange(CYCLES - lap_b)
@@ -163,4 +164,30 @@ def poor(seed: int) -> Motion:
     return pen.motion(constant, np.zeros(CYCLES), np.full(CYCLES, 24.0))
 
 
-KINDS = {"training": training, "held_out": held_out, "poor": poor}
+def plain(seed: int) -> Motion:
+    """Laps at three speeds that never rest, one load, one temperature: what many a bench records, and on which several names look alike."""
+    pen = Pen()
+    pen.name("laps")
+    speeds = (0.045, 0.025, 0.014)
+    lap = 0
+    while pen.cycles < CYCLES:
+        speed = speeds[lap % 3]
+        pen.go(0.02, speed)
+        pen.go(-0.02, speed)
+        lap += 1
+    return pen.motion(np.full(CYCLES, 40.0), np.zeros(CYCLES), np.full(CYCLES, 30.0))
+
+
+def plain_held_out(seed: int) -> Motion:
+    """Other laps of the same kind: random places, no rest, the same load and temperature."""
+    rng = np.random.default_rng([seed, 4])
+    pen = Pen()
+    pen.name("places")
+    side = 1.0
+    while pen.cycles < CYCLES:
+        pen.go(side * float(rng.uniform(0.008, 0.026)), float(rng.uniform(0.012, 0.05)), 0.8)
+        side = -side
+    return pen.motion(np.full(CYCLES, 40.0), np.zeros(CYCLES), np.full(CYCLES, 30.0))
+
+
+KINDS = {"training": training, "held_out": held_out, "poor": poor, "plain": plain, "plain_held_out": plain_held_out}

@@ -129,6 +129,8 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
     tiny = p[I.tiny]
     for k in range(n):
         t0 = k * dt
+        span = dt * (1.0 + ((noise[k + 1, 6] if k + 1 < n else 0.0) - noise[k, 6]))  # from this sampling instant to the next
+        h = span / steps
         mass = p[I.moving_mass] + u[k, 3]
         # the sensors at SYNC k
         reading = theta
@@ -217,8 +219,8 @@ def run(p: Array, law: Array, closed: bool, given: Array, u: Array, noise: Array
             friction = p[I.bristle] * bristle + p[I.bristle_damping] * (bristle - before) / h
             friction += (p[I.viscous] + side * p[I.viscous_asymmetry]) * omega + p[I.drag2] * omega * abs(omega)
             torque = p[I.torque_constant] * current - friction - push * sd_per_rad(ratio, p, turn) - p[I.torque_offset]
-            torque += p[I.ripple] * np.sin(p[I.ripple_order] * theta + p[I.ripple_phase])
-            torque += p[I.cogging] * np.sin(p[I.cogging_order] * theta + p[I.cogging_phase])
+            torque -= p[I.ripple] * np.sin(p[I.ripple_order] * theta + p[I.ripple_phase])  # against positive rotation: docs/effects.md
+            torque -= p[I.cogging] * np.sin(p[I.cogging_order] * theta + p[I.cogging_phase])
             torque += p[I.half_ripple] * np.sin(0.5 * theta + p[I.half_phase])
             torque += tiny * 5e-5 * np.sin(6.0 * theta + 0.2)
             # carriage

@@ -13,6 +13,10 @@ PHASES = ("phase", "order")
 """Parameters whose relative error means nothing."""
 
 
+UNSIGNED = ("cogging", "ripple", "first", "second")
+"""Amplitudes: their sign is where the angle has its zero, a convention."""
+
+
 def matches(truth: str, named: Named) -> bool:
     """Whether a name, or its class, stands for what is hidden; structural twins are one class."""
     return truth in named.members or bool(twins_of(truth) & {named.effect})
@@ -23,7 +27,8 @@ def error(truth: dict[str, float], named: Named) -> float | None:
     errors = []
     for name, value in truth.items():
         if name in named.values and value != 0.0 and not name.endswith(PHASES):
-            errors.append(abs(named.values[name][0] - value) / abs(value))
+            got = named.values[name][0]
+            errors.append(abs(abs(got) - abs(value)) / abs(value) if name in UNSIGNED else abs(got - value) / abs(value))
     return max(errors) if errors else None
 
 
@@ -65,10 +70,30 @@ def score(answer: dict[str, Any], finding: Finding) -> dict[str, Any]:
         "worst_closed": min(finding.closed.values()) if finding.closed else None,
     }
     if group == "twins":
-        row["as_class"] = any(twins_of(h["effect"]) <= n.members for h in hidden for n in finding.named)
+        row |= _twins(answer, finding)
     if group == "poor":
         row["poor_ok"] = not finding.named or len(true_names) == len(finding.named)
     return row
+
+
+APART = 1.5
+"""Floors between the twins, by the truth alone, from which one of them may be named alone."""
+
+
+def _twins(answer: dict[str, Any], finding: Finding) -> dict[str, Any]:
+    """Both in one class; or, where the truth itself parts them on these motions, the right one alone."""
+    effect, twin = answer["hidden"][0]["effect"], answer.get("twin")
+    other = twin["name"] if twin else ""
+    both = any({effect, other} <= n.members for n in finding.named)
+    alone = bool(finding.named) and finding.named[0].effect == effect and other not in finding.named[0].members
+    apart = twin is not None and twin["apart"] >= APART
+    return {"as_class": both, "twin": other, "apart": twin["apart"] if twin else None, "twin_ok": both or (apart and alone)}
+
+
+def resolved(answer: dict[str, Any], finding: Finding) -> bool:
+    """After the next experiment: what is hidden is named, and its twin is not in that class."""
+    effect, twin = answer["hidden"][0]["effect"], answer.get("twin")
+    return any(n.effect == effect and (twin is None or twin["name"] not in n.members) for n in finding.named)
 
 
 class Share(NamedTuple):

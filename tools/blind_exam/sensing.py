@@ -19,10 +19,17 @@ class Climate(NamedTuple):
     outliers: float = 0.0
     """Share of samples with a tenfold error."""
     gain: float = 1.0
+    lost: float = 0.0
+    """Share of the cycles that are missing from the log."""
+    held: float = 0.0
+    """Share of the ruler's readings that repeat the one before, in every log of the case alike."""
+    jitter: float = 0.0
+    """Deviation of a sampling instant, as a share of the period; the stamps tell it."""
 
 
 def draw(cycles: int, climate: Climate, rng: np.random.Generator) -> Array:
-    """Columns: current A, resolver (unit, its size is the machine's), ruler m, bus V, unit uniform (for dropouts), screw temperature K."""
+    """Columns: current A, resolver (unit, its size is the machine's), ruler m, bus V, unit uniform (for dropouts), screw temperature K, and when the
+    cycle was sampled, as a share of the period."""
     noise = rng.standard_normal((cycles, 6))
     if climate.colour > 0.0:
         a = climate.colour
@@ -37,4 +44,12 @@ def draw(cycles: int, climate: Climate, rng: np.random.Generator) -> Array:
     noise[:, :4] *= climate.gain * np.array([CURRENT_A, 1.0, RULER_M, BUS_V])
     noise[:, 4] = rng.random(cycles)
     noise[:, 5] *= SCREW_K
-    return noise
+    when = np.clip(rng.standard_normal(cycles), -3.0, 3.0) * climate.jitter
+    return np.column_stack([noise, when])
+
+
+def lost(cycles: int, climate: Climate, rng: np.random.Generator) -> Array:
+    """1 for the cycles that the log does not have; the first second is whole."""
+    gone = (rng.random(cycles) < climate.lost).astype(np.float64)
+    gone[:500] = 0.0
+    return gone

@@ -37,6 +37,8 @@ class Finding(NamedTuple):
     closed: dict[str, float]
     """Gap closed on held-out motion, by channel that was above its floor."""
     sentinel: bool
+    following: str | None = None
+    """File of the next experiment."""
 
     @property
     def flagged(self) -> bool:
@@ -51,9 +53,13 @@ class Ran(NamedTuple):
     message: str
 
 
-def command(train: Path, commissioning: Path, held: Path, model: Path, out: Path, seed: int) -> list[str]:
-    """The command line of one diagnosis."""
-    logs = [str(train), "--commissioning", str(commissioning), "--held-out", str(held)]
+GAP = 1.2
+"""A channel has a gap to close from this ratio of residual to floor on."""
+
+
+def command(train: Path, commissioning: Path, held: Path, model: Path, out: Path, seed: int, more: tuple[Path, ...] = ()) -> list[str]:
+    """The command line of one diagnosis; ``more``: further training logs."""
+    logs = [str(train), *map(str, more), "--commissioning", str(commissioning), "--held-out", str(held)]
     return [sys.executable, "-m", "spsp_ctrl.cli", "diagnose", *logs, "--model", str(model), "--out", str(out), "--seed", str(seed), "--jobs", "1"]
 
 
@@ -87,6 +93,10 @@ def read(path: Path) -> Finding:
         )
         for row in raw["effects"]
     )
-    closed = {channel: float(gap["closed"]) for channel, gap in raw["gap"].items() if gap["closed"] is not None}
-    verdict = str(raw["verdict"])
-    return Finding(verdict, named, len(raw["unexplained"]), closed, verdict == "invalid")
+    closed = {
+        channel: float(gap["closed"])
+        for channel, gap in raw["gap"].items()
+        if gap["closed"] is not None and float(gap["before"]) >= GAP * float(gap["floor"]) > 0.0
+    }
+    verdict, following = str(raw["verdict"]), raw.get("next_experiment")
+    return Finding(verdict, named, len(raw["unexplained"]), closed, verdict == "invalid", None if following is None else str(following))

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from tools.blind_exam.catalogue import LIBRARY, SEVERITIES
-from tools.blind_exam.scoring import Share, quantile
+from tools.blind_exam.scoring import APART, Share, quantile
 
 Rows = list[dict[str, Any]]
 
@@ -74,7 +74,14 @@ def figures(rows: Rows) -> list[tuple[str, str]]:
         ]
     if twins := by.get("twins"):
         seen = _seen(twins)
-        lines.append(("twins: reported as one class", str(_share(r["as_class"] for r in seen))))
+        alike = [r for r in seen if r["apart"] is not None and r["apart"] < APART]
+        asked = [r for r in seen if r.get("asked")]
+        lines.append(("twins: as one class, or the right one alone where the truth parts them", str(_share(r["twin_ok"] for r in seen))))
+        lines.append(("twins: as one class, of those that the truth does not part", str(_share(r["as_class"] for r in alike))))
+        lines.append(("twins: next experiment given, of those in a class", str(_share(bool(r.get("asked")) for r in seen if r["as_class"]))))
+        lines.append(
+            ("twins: resolved by the next experiment, of those in a class with one", str(_share(bool(r["resolved"]) for r in asked if r["as_class"])))
+        )
         lines.append(("twins: right name or its twin first", str(_share(r["first_right"] for r in seen))))
     if poor := by.get("poor"):
         lines.append(("poor excitation: abstains or names right", str(_share(r["poor_ok"] for r in poor))))
@@ -100,16 +107,34 @@ def _smallest(seen: Rows) -> str:
 
 
 def by_effect(rows: Rows) -> list[list[str]]:
-    """Effect × severity: detectable of drawn, then named right of detectable."""
-    table = [["effect", *(f"{s:g}" for s in SEVERITIES)]]
-    for effect in LIBRARY:
-        line = [effect]
+    """Effect × severity: detectable of drawn, named right of detectable; with Wilson intervals over severities, and over effects."""
+    single = [r for r in rows if r["group"] == "single"]
+    table = [["effect", *(f"{s:g}" for s in SEVERITIES), "detectable", "named right"]]
+
+    def line(name: str, mine: Rows) -> list[str]:
+        cells = [name]
         for severity in SEVERITIES:
-            here = [r for r in rows if r["group"] == "single" and (r["hidden"][0]["effect"], r["hidden"][0]["severity"]) == (effect, severity)]
+            here = [r for r in mine if r["hidden"][0]["severity"] == severity]
             seen = _seen(here)
-            line.append(f"{len(seen)}/{len(here)} seen, {sum(r['first_right'] for r in seen)} named" if here else "not drawn")
-        table.append(line)
+            cells.append(f"{len(seen)}/{len(here)} seen, {sum(r['first_right'] for r in seen)} named" if here else "not drawn")
+        seen = _seen(mine)
+        return [*cells, _short(Share(len(seen), len(mine))), _short(_share(r["first_right"] for r in seen))]
+
+    table += [line(effect, [r for r in single if r["hidden"][0]["effect"] == effect]) for effect in LIBRARY]
+    table.append(line("all", single))
+    at = {severity: [r for r in single if r["hidden"][0]["severity"] == severity] for severity in SEVERITIES}
+    seen = {severity: Share(len(_seen(mine)), len(mine)) for severity, mine in at.items()}
+    named = {severity: _share(r["first_right"] for r in _seen(mine)) for severity, mine in at.items()}
+    for title, found in (("detectable", seen), ("named right", named)):
+        shares = [_short(found[severity]) for severity in SEVERITIES]
+        table.append([title, *shares, "", ""])
     return table
+
+
+def _short(share: Share) -> str:
+    """A share with its interval, in two digits."""
+    low, high = share.interval
+    return f"{share.hits}/{share.of} [{low:.2f}, {high:.2f}]" if share.of else "none"
 
 
 def text(rows: Rows) -> str:
@@ -143,5 +168,5 @@ def good(row: dict[str, Any]) -> bool:
     if group == "poor":
         return bool(row["poor_ok"])
     if group == "twins":
-        return bool(row["as_class"]) or not seen
+        return bool(row["twin_ok"]) or not seen
     return bool(row["exact"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from spsp_ctrl import __version__
-from spsp_ctrl.cli import diagnose, experiment, log, mechanism, mechanism_errors, run
+from spsp_ctrl.cli import bringup, diagnose, experiment, hil, latency, log, mechanism, mechanism_errors, plant, run
 from spsp_ctrl.cli.common import EXIT_CODES, EXIT_INTERNAL
 
 
@@ -24,7 +24,11 @@ def cli() -> None:
     """
 
 
-for command in (run.run, run.replay, diagnose.diagnose, experiment.experiment, log.log, mechanism.mechanism):
+COMMANDS = (
+    run.run, run.replay, bringup.check, bringup.scan, plant.plant, diagnose.diagnose, experiment.experiment, hil.hil, latency.latency, log.log,
+    mechanism.mechanism,
+)  # fmt: skip
+for command in COMMANDS:
     cli.add_command(command)
 for command in mechanism_errors.COMMANDS:
     mechanism.mechanism.add_command(command)

@@ -59,6 +59,7 @@ def diagnose(
     import time
 
     from spsp_ctrl.discrepancy.folder import check_out, publish, scratch
+    from spsp_ctrl.discrepancy.next_experiment import text as next_text
     from spsp_ctrl.discrepancy.pipeline import Task
     from spsp_ctrl.discrepancy.pipeline import diagnose as run
     from spsp_ctrl.discrepancy.records import load_record
@@ -99,6 +100,8 @@ def diagnose(
         answer = diagnosed(folder / "model.yaml", tick)
         answer.seconds = time.monotonic() - start
         (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n", encoding="utf-8")
+        if answer.plan is not None and answer.next_experiment:
+            (folder / answer.next_experiment).write_text(next_text(answer.plan), encoding="utf-8")
         (folder / "report.html").write_text(page_of(answer, model.name, [p.name for p in logs]), encoding="utf-8")
         publish(folder, out)
     click.echo(json.dumps(answer.to_dict(), indent=2) if as_json else "\n".join(screen_of(answer, out)))

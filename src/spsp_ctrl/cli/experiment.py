@@ -14,11 +14,20 @@ if TYPE_CHECKING:
     from spsp_ctrl.experiments.runner import Outcome
 
 DEFAULT_RIG = Path("config/rig.yaml")
+DEFAULT_AXIS = Path("config/axis.yaml")
 
 
 @click.command(epilog="Example: spsp-ctrl experiment swing-2dof --jobs 2 --out runs/swing")
 @click.argument("name", metavar="NAME|FILE|list|all")
 @click.option("--config", "-c", default=DEFAULT_RIG, show_default=True, type=click.Path(path_type=Path), help="Rig file.")
+@click.option(
+    "--model",
+    "-m",
+    default=DEFAULT_AXIS,
+    show_default=True,
+    type=click.Path(path_type=Path),
+    help="Model of the axis, for a motion file of a single axis (as `diagnose` writes one).",
+)
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the results; default runs/<UTC time>.")
 @click.option("--fast", is_flag=True, help="Lock-step, as fast as the computer allows. This is the default and the only way.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), help="Seed of the first repeat; the others count on from it.")
@@ -35,6 +44,7 @@ DEFAULT_RIG = Path("config/rig.yaml")
 def experiment(
     name: str,
     config: Path,
+    model: Path,
     out: Path | None,
     fast: bool,
     seed: int | None,
@@ -49,10 +59,13 @@ def experiment(
     """Run an experiment: a scenario with its repeats, laws and variants, judged against the paper.
 
     NAME is one of the shipped experiments (`list` shows them), FILE any scenario file, `all` runs the whole set and writes one page. The folder holds
-    report.html, summary.json and one folder per run with its log.
+    report.html, summary.json and one folder per run with its log. A motion file of a single axis runs on the virtual bench of --model and leaves
+    axis.mcap there, which `diagnose` reads.
     """
     if name == "list":
         _list(config, as_json)
+        return
+    if name.endswith((".yaml", ".yml")) and _axis_motion(Path(name), model, out, seed, as_json, strict):
         return
     from spsp_ctrl.experiments import catalogue, runner
     from spsp_ctrl.report.experiment import write_all, write_report
@@ -88,6 +101,30 @@ def experiment(
         raise SystemExit(EXIT_INTERRUPTED if all(f.endswith("interrupted") for f in ended) else EXIT_RIG)
     if strict and not all(o.passed for o in outcomes):
         raise SystemExit(EXIT_ROW_FAILED)
+
+
+def _axis_motion(path: Path, model: Path, out: Path | None, seed: int | None, as_json: bool, strict: bool) -> bool:
+    """Run a motion file of a single axis; False when the file is something else."""
+    from spsp_ctrl.experiments import axis_session, runner
+    from spsp_ctrl.plant.axis_model import load_axis_model
+    from spsp_ctrl.plant.axis_scenario import load_axis_scenario
+
+    if not axis_session.is_axis_motion(path):
+        return False
+    load_axis_scenario(path)  # refused before a folder is made
+    load_axis_model(model)
+    folder = runner.open_folder(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    summary = axis_session.run(path, model, folder, 1 if seed is None else seed)
+    if as_json:
+        click.echo(json.dumps(summary, indent=2))
+    else:
+        kept = "within its limits" if summary["within_limits"] else "BEYOND the current limit of the file"
+        click.echo(f"{summary['scenario']} on {summary['model']}: {summary['seconds']:g} s, command up to {summary['command_max_a']:.3g} A, {kept}")
+        click.echo(str(folder / summary["log"]))
+    if strict and not summary["within_limits"]:
+        raise SystemExit(EXIT_ROW_FAILED)
+    return True
 
 
 def _list(config: Path, as_json: bool) -> None:

@@ -54,12 +54,25 @@ def log_cat(path: Path, topic: str, fields: tuple[str, ...], start: float, end: 
 @log.command("export", epilog="Example: spsp-ctrl log export run.mcap /control --out control.csv")
 @LOG
 @TOPIC
-@click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="CSV file to write.")
+@click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="File to write.")
+@click.option("--to", "kind", type=click.Choice(["csv", "candump", "asc", "blf"]), default="csv", show_default=True, help="Form of the file.")
+@click.option("--bus", help="Which bus, for a bus trace of a log with several.")
 @FIELDS
 @FORCE
 @guarded
-def log_export(path: Path, topic: str, out: Path, fields: tuple[str, ...], force: bool) -> None:
-    """Write one topic as CSV; units are in the column names."""
+def log_export(path: Path, topic: str, out: Path, kind: str, bus: str | None, fields: tuple[str, ...], force: bool) -> None:
+    """Write one topic as CSV (units are in the column names), or the raw frames of a bus as a trace: candump, asc, blf."""
+    if kind != "csv":
+        from spsp_ctrl.recording.traces import export_trace
+
+        if fields or topic != "/control":
+            raise click.UsageError("a bus trace has no topic and no fields; leave them away")
+        count, name, problem = export_trace(path, bus, kind, out, force=force)
+        click.echo(f"{out}: {count} frames of {name}")
+        if problem:
+            click.echo(f"{path} is not complete ({problem}): only what could be read was written", err=True)
+            raise SystemExit(EXIT_DATA)
+        return
     from spsp_ctrl.recording.logtools import export_csv
 
     click.echo(f"{out}: {export_csv(path, topic, out, fields, force=force)} rows")
@@ -80,13 +93,28 @@ def log_repair(path: Path, out: Path, force: bool) -> None:
 
 @log.command("import", epilog="Example: spsp-ctrl log import bench.csv --map config/import/bench-csv.yaml --out bench.mcap")
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
-@click.option("--map", "-m", "map_path", required=True, metavar="MAP", type=click.Path(path_type=Path), help="Import map: which column is what.")
+@click.option("--map", "-m", "map_path", metavar="MAP", type=click.Path(path_type=Path), help="Import map: which column is what.")
+@click.option("--bus", help="Name of the bus, for a bus trace; its own channel names when absent.")
 @click.option("--out", "-o", type=click.Path(path_type=Path), help="Log to write; without it the recording is only judged.")
 @FORCE
 @JSON
 @guarded
-def log_import(path: Path, map_path: Path, out: Path | None, force: bool, as_json: bool) -> None:
-    """Turn a CSV, MATLAB (.mat) or MDF (.mf4) recording into a log, after checking its time base, units, signs and scaling."""
+def log_import(path: Path, map_path: Path | None, bus: str | None, out: Path | None, force: bool, as_json: bool) -> None:
+    """Turn a CSV, MATLAB (.mat) or MDF (.mf4) recording into a log, after checking its time base, units, signs and scaling.
+
+    A bus trace (candump .log, .asc, .blf) needs no map: its frames become the raw topics of a log.
+    """
+    if map_path is None:
+        if path.suffix.lower() not in (".log", ".asc", ".blf"):
+            raise click.UsageError("Missing option '--map' / '-m': only a bus trace (.log, .asc, .blf) needs none.")
+        if out is None:
+            raise click.UsageError("Missing option '--out' / '-o'.")
+        from spsp_ctrl.recording.traces import import_trace
+
+        counts = import_trace(path, bus, out, force=force)
+        lines = [f"{out}: {count} frames of {name}" for name, count in sorted(counts.items())]
+        click.echo(json.dumps({"frames": counts}, indent=2) if as_json else "\n".join(lines))
+        return
     from spsp_ctrl.config.loader import load_import_map
     from spsp_ctrl.recording.importing import import_log
 

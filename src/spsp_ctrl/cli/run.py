@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from spsp_ctrl.cli import bringup
 from spsp_ctrl.cli.common import CONFIG, EXIT_DATA, EXIT_INTERRUPTED, EXIT_RIG, EXIT_ROW_FAILED, JSON, OVERRIDE, bar, finite, guarded
 
 if TYPE_CHECKING:
@@ -28,6 +29,10 @@ if TYPE_CHECKING:
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder; default runs/<UTC time>.")
 @click.option("--strict", is_flag=True, help="Exit with 1 when an acceptance row fails.")
 @click.option("--no-screen", is_flag=True, help="No live screen in real time.")
+@click.option("--dry-run", is_flag=True, help="Identify and check, print the frames that would be sent, end. Power is never enabled.")
+@click.option("--no-enable", is_flag=True, help="Everything runs, but every command is \"off\".")
+@click.option("--limit", metavar="SHARE", callback=bringup.share, help="Speeds, accelerations and currents at this share, e.g. 10%.")
+@click.option("--yes", is_flag=True, help="On real hardware: do not ask before each stage.")
 @JSON
 @guarded
 def run(
@@ -40,6 +45,10 @@ def run(
     out: Path | None,
     strict: bool,
     no_screen: bool,
+    dry_run: bool,
+    no_enable: bool,
+    limit: float | None,
+    yes: bool,
     as_json: bool,
 ) -> None:
     """Run the controller on the rig and leave a folder that explains the run.
@@ -47,11 +56,15 @@ def run(
     The folder holds the log (run.mcap), the resolved rig, scenario and model files, summary.json and report.html. Ctrl-C brakes the platform,
     disables the drives and keeps everything recorded.
     """
-    plan = _plan(config, overrides, scenario, duration, seed, real_time=not fast)
+    plan = bringup.stages(_plan(config, overrides, scenario, duration, seed, real_time=not fast), no_enable, limit, yes or dry_run)
+    if dry_run:
+        bringup.dry_run(plan, as_json)
+        return
     from spsp_ctrl.experiments import session
 
     say = _progress_line(as_json)
-    rig = session.prepare(plan, say)
+    rig = bringup.never_enabled(session.prepare(plan, say), no_enable)
+    bringup.before_power(plan.config, rig, no_enable, limit, yes)
     folder = session.new_folder(out)
     with _watch(plan, fast, as_json or no_screen) as watcher:
         result = session.run_session(plan, rig, folder, watcher, say)
@@ -66,6 +79,8 @@ def run(
         try:
             write_report(folder / "report.html", data.until(plan.scenario.duration_s), result.summary)
         except OSError as error:  # the run is over and recorded; its table still tells
+            with contextlib.suppress(OSError):
+                (folder / "report.html").unlink()
             click.echo(f"{folder / 'report.html'}: cannot be written: {error.strerror}", err=True)
     if as_json:
         click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
@@ -79,7 +94,7 @@ def run(
         problem = result.summary["log"]["problem"] or "the loop was faster than the log writer"
         click.echo(f"{folder / 'run.mcap'} is not complete: {lost} records lost ({problem})", err=True)
     ended = result.loop.ended
-    if ended.startswith("fault"):
+    if ended.startswith(("fault", "stopped: deadline")):
         raise SystemExit(EXIT_RIG)
     if ended == "interrupted":
         raise SystemExit(EXIT_INTERRUPTED)
@@ -118,7 +133,7 @@ def _plan(
 def _progress_line(quiet: bool) -> Callable[[str], None]:
     if quiet:
         return lambda text: None
-    return lambda text: click.echo(text, err=True)
+    return lambda text: click.secho(text, err=True, fg="red" if text.startswith("degraded") else None)
 
 
 @contextlib.contextmanager
@@ -140,10 +155,24 @@ def _watch(plan: Plan, fast: bool, quiet: bool) -> Iterator[Watcher | None]:
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--config", "-c", type=click.Path(path_type=Path), help="Rig file to use instead of the recorded one.")
 @OVERRIDE
+@click.option(
+    "--from",
+    "source",
+    type=click.Choice(["measurements", "raw"]),
+    default="measurements",
+    show_default=True,
+    help="Recorded measurements through the law, or recorded frames and bytes through the decoders.",
+)
 @JSON
 @guarded
-def replay(log: Path, config: Path | None, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Feed the recorded inputs of a run to the law again and compare its commands bit for bit."""
+def replay(log: Path, config: Path | None, overrides: tuple[str, ...], source: str, as_json: bool) -> None:
+    """Feed the recorded inputs of a run to the law again and compare its commands bit for bit.
+
+    With `--from raw` the recorded frames and bytes of a rig on buses go through the decoders again, and the measurements are compared.
+    """
+    if source == "raw":
+        _replay_raw(log, config is not None or bool(overrides), as_json)
+        return
     from spsp_ctrl.experiments.replaying import replay_log
 
     with bar("replaying", as_json) as advance:
@@ -163,4 +192,25 @@ def replay(log: Path, config: Path | None, overrides: tuple[str, ...], as_json: 
         raise SystemExit(EXIT_DATA)
     if result.active_cycles == 0:
         click.echo("the run was never ACTIVE: a replay of it proves nothing about the law", err=True)
+        raise SystemExit(EXIT_DATA)
+
+
+def _replay_raw(log: Path, changed: bool, as_json: bool) -> None:
+    if changed:
+        raise click.UsageError("--from raw decodes with the rig file of the log; leave --config and --set away")
+    from spsp_ctrl.experiments.replaying_raw import replay_raw
+
+    with bar("decoding", as_json) as advance:
+        result = replay_raw(log, advance)
+    if as_json:
+        click.echo(json.dumps(result.to_dict(), indent=2))
+    else:
+        click.echo(f"{result.cycles} cycles, {result.frames} frames and pieces of bytes decoded again, compared bit for bit")
+        click.echo(f"{result.differing_cycles} cycles differ" if result.first else "0 differences")
+        if result.first:
+            click.echo(result.first)
+    if result.first:
+        raise SystemExit(EXIT_ROW_FAILED)
+    if result.log_problem:
+        click.echo(f"{log} is not complete ({result.log_problem}): only what could be read was compared", err=True)
         raise SystemExit(EXIT_DATA)

@@ -16,8 +16,9 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from spsp_ctrl.config.import_map import IMPORT_MAP_SCHEMA, ImportMap, problems
-from spsp_ctrl.config.rig import MECHANISM_SCHEMA, RIG_SCHEMA, MechanismFile, RigConfig
+from spsp_ctrl.config.rig import MECHANISM_SCHEMA, RIG_SCHEMA, BusDriver, MechanismFile, RigConfig
 from spsp_ctrl.config.scenario import SCENARIO_SCHEMA, Scenario
+from spsp_ctrl.config.served import SERVED_SCHEMA, ServedFile
 from spsp_ctrl.config.tolerances import TOLERANCES_SCHEMA, TRANSMISSION_SCHEMA, ToleranceFile, TransmissionFile
 
 M = TypeVar("M", bound=BaseModel)
@@ -34,6 +35,8 @@ KINDS = {
     TOLERANCES_SCHEMA: "a tolerance file",
     TRANSMISSION_SCHEMA: "a transmission file",
     IMPORT_MAP_SCHEMA: "an import map",
+    "spsp-ctrl/axis-scenario/1": "a motion file of a single axis",
+    SERVED_SCHEMA: "a plant server file",
 }
 
 
@@ -210,12 +213,28 @@ def validate_data(path: Path, data: dict[str, Any], marks: dict[Location, tuple[
         # through JSON, where strict still takes a list for a tuple; else `true` would pass for 1.0 and "6.0" for 6.0
         checked = model.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as error:
-        items: list[dict[str, Any]] = [dict(item) for item in error.errors()]
+        items: list[dict[str, Any]] = [dict(item) | {"loc": _untagged(data, item["loc"])} for item in error.errors()]
         meant = {(*item["loc"][:-1], key) for item in items if (key := _meant(model, item))}
         problems = [_problem(loaded, model, item) for item in items if item["type"] != "missing" or item["loc"] not in meant]
         unique = {str(problem): problem for problem in problems}
         raise ConfigError(sorted(unique.values(), key=lambda p: (p.line, p.column, p.message))) from None
-    return Loaded(checked, path, data, marks)
+    loaded = Loaded(checked, path, data, marks)
+    if isinstance(checked, RigConfig):
+        found = [ConfigProblem(path, *loaded.locate(place), text) for place, text in checked.misfits()]
+        if found:
+            raise ConfigError(sorted(found, key=lambda p: (p.line, p.column)))
+    return loaded
+
+
+def _untagged(data: Any, place: Location) -> Location:
+    """A place without the tags (`driver: bus`) that pydantic puts in where one of several classes was chosen."""
+    found: list[str | int] = []
+    for part in place:
+        if isinstance(data, dict) and part not in data and part == data.get("driver"):
+            continue
+        found.append(part)
+        data = data.get(part) if isinstance(data, dict) else data[part] if isinstance(data, list) and isinstance(part, int) else None
+    return tuple(found)
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:
@@ -228,19 +247,29 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
 
 def _keys(model: type[BaseModel], place: Location) -> list[str]:
     """Keys allowed in the mapping at ``place``."""
-    current = [model]
+    current, by_name = [model], False
     for part in place:
-        if isinstance(part, int):
+        if isinstance(part, int) or by_name:
+            by_name = False
             continue
         found = []
         for candidate in current:
             for name, info in candidate.model_fields.items():
                 if (info.alias or name) == part:
                     found += list(_models(info.annotation))
+                    by_name = get_origin(info.annotation) is dict
         if not found:
             return []
         current = found
     return [info.alias or name for candidate in current for name, info in candidate.model_fields.items()]
+
+
+def _tags(model: type[BaseModel], place: Location) -> list[str]:
+    """What may stand as ``driver`` where one of several classes is chosen."""
+    classes = [model]
+    for part in place:
+        classes = [found for c in classes for name, info in c.model_fields.items() if name == part for found in _models(info.annotation)]
+    return [str(tag) for c in classes if "driver" in c.model_fields for tag in get_args(c.model_fields["driver"].annotation)]
 
 
 _UNITS = re.compile(r"_(mm|cm|um|m|deg|rad|arcmin|ms|us|s|min|ns|hz|khz|ma|a|v|mnm|nm|n|c|ppm_k|n_um|kg|mm_s|mm_s2|deg_s|deg_s2|1_s|1_s2)$")
@@ -285,6 +314,14 @@ def _problem(loaded: Loaded[Any], model: type[BaseModel], item: dict[str, Any]) 
         names = (("nothing", type(None)), ("`key: value` lines", dict), ("a list", list))
         found = next((name for name, kind_of in names if isinstance(value, kind_of)), repr(value))
         text = f"{dotted}: expected {'a list' if kind == 'tuple_type' else '`key: value` lines'}, found {found}"
+    elif kind in ("union_tag_invalid", "union_tag_not_found"):
+        key = str(context.get("discriminator", "")).strip("'")
+        given = value.get(key) if isinstance(value, dict) else None
+        allowed = context.get("expected_tags") or ", ".join(repr(str(tag)) for tag in _tags(model, place))
+        text = f"key '{dotted}.{key}' is missing; give one of {allowed}"
+        if given is not None:
+            text = f"{dotted}.{key} = {given!r}: it must be one of {allowed}"
+        line, column = loaded.locate((*place, key))
     elif kind == "json_invalid":
         text = "holds text that is not valid Unicode"
     else:
@@ -328,6 +365,29 @@ def load_import_map(path: Path) -> Loaded[ImportMap]:
     if found:
         raise ConfigError(sorted(found, key=lambda p: (p.line, p.column)))
     return loaded
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """A plant server file with the files that it names."""
+
+    rig: RigConfig
+    driver: BusDriver
+    scenario: Path
+    model: Path
+
+
+def load_served(path: Path, overrides: Sequence[str] = ()) -> Served:
+    """A plant server file and its rig file, over which ``overrides`` are laid; the rig must be one that is served."""
+    loaded = load_yaml_model(path, ServedFile, SERVED_SCHEMA)
+    rig = load_rig(resolve_reference(loaded, ("rig",)))
+    if overrides:
+        rig = apply_overrides(rig, overrides)
+    driver = rig.model.rig
+    if not isinstance(driver, BusDriver) or driver.world != "served":
+        line, column = rig.locate(("rig", "world"))
+        raise ConfigError([ConfigProblem(rig.path, line, column, "only a rig with `driver: bus` and `world: served` can be served")])
+    return Served(rig.model, driver, resolve_reference(loaded, ("scenario",)), resolve_reference(rig, ("rig", "model")))
 
 
 def resolve_reference(loaded: Loaded[Any], place: Location) -> Path:

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import atan2, cos, degrees, hypot, radians
 from typing import Literal
 
 from pydantic import Field, model_validator
 
+from spsp_ctrl.config.devices import BusDriver as BusDriver
+from spsp_ctrl.config.devices import Driver
+from spsp_ctrl.config.devices import SimulatedDriver as SimulatedDriver
 from spsp_ctrl.config.scenario import Strict
 
 RIG_SCHEMA = "spsp-ctrl/rig/1"
 MECHANISM_SCHEMA = "spsp-ctrl/mechanism/1"
-
-
-class SimulatedDriver(Strict):
-    """The virtual rig: the plant in this process."""
-
-    driver: Literal["simulated"]
-    """The virtual rig."""
-    model: str = "model.yaml"
-    """Plant model file, relative to this file."""
-    seed: int = Field(default=1, ge=0, le=2**31 - 1)
-    """Seed of noise and base roughness."""
 
 
 class Mechanism(Strict):
@@ -439,12 +432,26 @@ class SupervisorConfig(Strict):
 
 
 class RealTimeConfig(Strict):
-    """What the process asks of the operating system in real time; what was granted is reported."""
+    """What the process asks of the operating system in real time; what was granted is reported. See [real time](realtime.md)."""
 
     enabled: bool = True
     """Ask for it at all."""
     priority: int = Field(default=50, ge=1, le=90)
     """SCHED_FIFO priority."""
+    cpu: int | None = Field(default=None, ge=0, le=1023)
+    """Core to stay on; the log writer is then kept off it. Left out: any core."""
+    spin_us: float = Field(default=0.0, ge=0.0, le=200.0)
+    """The last so many us before a deadline the loop watches the clock instead of sleeping."""
+    lock_memory: bool = True
+    """Lock all memory and touch what a cycle may need."""
+    cpu_dma_latency: bool = True
+    """Keep the processor out of deep sleep."""
+    freeze_collector: bool = True
+    """No garbage collection while the loop runs."""
+    on_miss: Literal["go_on", "stop"] = "go_on"
+    """A cycle that could not begin within its period is left out and counted, and the last command keeps acting; then go on, or brake and disable."""
+    on_log_failure: Literal["go_on", "stop"] = "go_on"
+    """The log cannot be written any more (disk full, writer gone): go on without it, or brake and disable."""
 
 
 class RigConfig(Strict):
@@ -457,7 +464,8 @@ class RigConfig(Strict):
     """Control cycles per second."""
     scenario: str
     """Scenario file, relative to this file: the motion that ``run`` plays."""
-    rig: SimulatedDriver
+    rig: Driver
+    """What the rig is made of."""
     mechanism: Mechanism
     """The mechanism as the controller knows it."""
     pitch_actuator: Actuator
@@ -478,3 +486,9 @@ class RigConfig(Strict):
     """When it may move and when it must stop."""
     realtime: RealTimeConfig = RealTimeConfig()
     """What is asked of the operating system."""
+
+    def misfits(self) -> Iterator[tuple[tuple[str, ...], str]]:
+        """What no single key can know: place and text of everything that does not fit."""
+        if isinstance(self.rig, BusDriver):
+            for place, text in self.rig.misfits():
+                yield ("rig", *place), text

@@ -36,7 +36,7 @@ def step(state: GapState, gap: GapParams, rod_rate_m_s: float, moving: float, gr
     ``moving`` (0..1) is how far the axis is moved on purpose: at standstill the flank is left where it is, since reversals of a few um
     of noise would drive it to and fro (a limit cycle of 0.2 arcmin at 6 Hz).
     """
-    friction, offset, rate = state[:3]
+    friction, offset, rate, _, _, _ = state
     travel = moving * rod_rate_m_s * dt
     target = 1.0 if travel > 0.0 else -1.0
     friction = target + (friction - target) * exp(-abs(travel) / gap.presliding_m)

@@ -128,6 +128,31 @@ def omega_squared(g: BaseGains, rate_power: float, accel_power: float) -> float:
     return learnt if learnt < limit else limit
 
 
+def _forecast(angle: float, rate: float, accel: float, omega_sq: float, t: float, later: float) -> Vector:
+    """The angle of :func:`ahead` after ``t`` s, its rate and acceleration after ``later`` s."""
+    x = omega_sq * t * t
+    if x < 1e-4:
+        s, k = t * (1.0 - x / 6.0), t * t * (0.5 - x / 24.0)
+    else:
+        omega = sqrt(omega_sq)
+        s, k = sin(omega * t) / omega, (1.0 - cos(omega * t)) / omega_sq
+    x = omega_sq * later * later
+    if x < 1e-4:
+        later_s, c = later * (1.0 - x / 6.0), 1.0 - 0.5 * x
+    else:
+        omega = sqrt(omega_sq)
+        later_s, c = sin(omega * later) / omega, cos(omega * later)
+    return angle + s * rate + k * accel, c * rate + later_s * accel, c * accel - omega_sq * later_s * rate
+
+
+def forecast(state: BaseState, g: BaseGains, t: float, later: float) -> tuple[float, float, float, float, float, float, float]:
+    """Tilt (pitch, roll) ``t`` s after the newest frame; rates (pitch, roll, yaw) and accelerations (pitch, roll) ``later`` s after it."""
+    pitch, pitch_rate, pitch_accel, roll, roll_rate, roll_accel, yaw_rate, yaw_accel, pp, pa, rp, ra, _, _ = state
+    pitch, pitch_rate, pitch_accel = _forecast(pitch, pitch_rate, pitch_accel, omega_squared(g, pp, pa), t, later)
+    roll, roll_rate, roll_accel = _forecast(roll, roll_rate, roll_accel, omega_squared(g, rp, ra), t, later)
+    return pitch, roll, pitch_rate, roll_rate, yaw_rate + later * yaw_accel, pitch_accel, roll_accel
+
+
 def start(seen: BaseSeen) -> BaseState:
     """From the first IMU frame."""
     return START._replace(

@@ -14,9 +14,9 @@ from spsp_ctrl.control import backlash
 from spsp_ctrl.control.backlash import GapState
 from spsp_ctrl.control.limits import limit_rate
 from spsp_ctrl.control.params import AxisParams, LawParams
-from spsp_ctrl.mechanism.frames import body_to_tilt_rates, euler_rates_to_body, wrap_angle
-from spsp_ctrl.mechanism.kinematics import jacobian, rod_lengths
-from spsp_ctrl.mechanism.levelling import base_rate_on_platform, tilt_joints
+from spsp_ctrl.mechanism.frames import body_to_tilt_motion, body_to_tilt_rates, euler_rates_to_body, wrap_angle
+from spsp_ctrl.mechanism.kinematics import rods_and_jacobian
+from spsp_ctrl.mechanism.levelling import base_motion_on_platform, tilt_joints
 from spsp_ctrl.messages import AxisTerms, AzimuthTerms, Estimate, Limited, Reference, ReferenceKind
 
 CURRENT_LIMITED = int(Limited.CURRENT)
@@ -145,24 +145,27 @@ def _rod(
     enabled: bool,
 ) -> tuple[AxisTerms, AxisState, GapState]:
     """Rod speed demand -> limits -> backlash take-up -> motor speed PI -> current."""
+    rod_speed, integral_before, _, slow_1, slow_2, envelope, friction = axis
     speed, bits = limit_rate(
-        wanted_m_s, axis.rod_speed, rod_m, p.rod_min_m, p.rod_max_m, p.rod_speed_m_s, p.rod_accel_m_s2, dt
+        wanted_m_s, rod_speed, rod_m, p.rod_min_m, p.rod_max_m, p.rod_speed_m_s, p.rod_accel_m_s2, dt
     )
     # compensations that follow the direction of motion fade out at standstill, where that direction is noise
-    slow_1 = axis.slow_1 + p.envelope_share * (planned_m_s - axis.slow_1)
-    slow_2 = axis.slow_2 + p.envelope_share * (slow_1 - axis.slow_2)
+    slow_1 += p.envelope_share * (planned_m_s - slow_1)
+    slow_2 += p.envelope_share * (slow_1 - slow_2)
     planned = abs(slow_2)
-    envelope = axis.envelope * p.envelope_decay
+    envelope *= p.envelope_decay
     if planned > envelope:
         envelope = planned
     moving = _smoothstep((envelope - STANDSTILL_M_S) / (MOVING_M_S - STANDSTILL_M_S))
     if p.gap is not None:
-        rate_before = gap.rate_m_s
+        _, _, rate_before, _, _, _ = gap
         gap = backlash.step(gap, p.gap, speed, moving, gravity_n, dt)
+        _, offset_m, rate_m_s, force_n, _, _ = gap
         if p.accelerate:
-            accel_a += ap.accel_ff_a * (gap.rate_m_s - rate_before) / dt
-        motor_ref = (speed + gap.rate_m_s) / ap.travel_per_rad_m
+            accel_a += ap.accel_ff_a * (rate_m_s - rate_before) / dt
+        motor_ref = (speed + rate_m_s) / ap.travel_per_rad_m
     else:
+        _, offset_m, _, force_n, _, _ = gap
         motor_ref = speed / ap.travel_per_rad_m
     if not enabled:
         # nobody leads the nut: arming starts from where it sits
@@ -175,17 +178,16 @@ def _rod(
     error = motor_ref - motor_rate
     p_a = p.speed_kp * error
     friction_a = 0.0
-    friction = axis.friction
     if ap.friction_a:
         # friction turns round with travel (presliding), not with speed: it holds on until the motor has really reversed
         target = 1.0 if motor_ref > 0.0 else -1.0
         friction = target + (friction - target) * exp(-abs(motor_ref) * dt / p.presliding_rad)
-        load_a = gap.force_n * ap.load_a_n
+        load_a = force_n * ap.load_a_n
         ratio = motor_ref / ap.stribeck_rad_s
         level = ap.friction_a + ap.stiction_a * exp(-ratio * ratio) + ap.load_friction * abs(load_a)
         friction_a = moving * (load_a + level * friction)
     # at standstill a fast integral hunts between the two signs of stiction
-    integral = axis.integral_a + p.speed_ki * (STILL_SHARE + (1.0 - STILL_SHARE) * moving) * error * dt
+    integral = integral_before + p.speed_ki * (STILL_SHARE + (1.0 - STILL_SHARE) * moving) * error * dt
     unlimited = p_a + integral + accel_a + friction_a
     limit = p.current_a
     current = limit if unlimited > limit else -limit if unlimited < -limit else unlimited
@@ -193,14 +195,15 @@ def _rod(
         bits |= CURRENT_LIMITED
         # conditional integration: never further into the limit
         if (unlimited - current) * error > 0.0:
-            integral = axis.integral_a
+            integral = integral_before
+    attitude_i, _, attitude_p, attitude_d = attitude
     terms = _new(
         AxisTerms,
         (
             error_rad,
-            attitude.p,
-            attitude.integral,
-            attitude.d,
+            attitude_p,
+            attitude_i,
+            attitude_d,
             ff_rad_s,
             speed,
             motor_ref,
@@ -211,7 +214,7 @@ def _rod(
             friction_a,
             unlimited,
             current,
-            gap.offset_m,
+            offset_m,
             bits,
         ),
     )
@@ -300,20 +303,20 @@ def _by_attitude(
 
 
 def _by_rods(
-    p: LawParams, e: Estimate, error_pitch: float, error_roll: float, pitch: float, roll: float, pitch_rate: float,
-    roll_rate: float, pitch_accel: float, roll_accel: float, lead_pitch_m: float, lead_roll_m: float, gate: int,
+    p: LawParams, screw_pitch_m: float, screw_roll_m: float, j11: float, j21: float, j22: float, error_pitch: float, error_roll: float,
+    pitch: float, roll: float, pitch_rate: float, roll_rate: float, pitch_accel: float, roll_accel: float, lead_pitch_m: float, lead_roll_m: float,
+    gate: int,
 ) -> _Wanted:  # fmt: skip
     """Rod position loop on the resolvers, towards joint angles that are given with their rates and accelerations."""
-    ref1, ref2 = rod_lengths(pitch, roll, p.height_m, p.radius_m, p.static_radius_m)
-    k11, k21, k22 = jacobian(pitch, roll, ref1, ref2, p.height_m, p.radius_m, p.static_radius_m)
+    ref1, ref2, k11, k21, k22 = rods_and_jacobian(pitch, roll, p.height_m, p.radius_m, p.static_radius_m)
     # the nut is led, by as much as the take-up wants it ahead of the rod
-    p1 = p.rod_kp * (ref1 - p.level_m + lead_pitch_m - e.screw_pitch_m)
-    p2 = p.rod_kp * (ref2 - p.level_m + lead_roll_m - e.screw_roll_m)
+    p1 = p.rod_kp * (ref1 - p.level_m + lead_pitch_m - screw_pitch_m)
+    p2 = p.rod_kp * (ref2 - p.level_m + lead_roll_m - screw_roll_m)
     if gate == ALIGN:
         top = p.align_rate_rad_s * p.radius_m
         p1, p2 = _clip(p1, top), _clip(p2, top)
-    p_pitch = p1 / e.lever_pitch_m_rad
-    p_roll = (p2 - e.lever_cross_m_rad * p_pitch) / e.lever_roll_m_rad
+    p_pitch = p1 / j11
+    p_roll = (p2 - j21 * p_pitch) / j22
     planned1, planned2 = k11 * pitch_rate, k21 * pitch_rate + k22 * roll_rate
     accel1 = accel2 = 0.0
     if p.accelerate:
@@ -338,55 +341,57 @@ def _by_rods(
 
 def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, gate: int) -> tuple[Output, LawState]:
     """One cycle of the law. ``gate`` is a ``Gate``."""
-    inertial = r.kind == INERTIAL
-    j11, j21, j22 = e.lever_pitch_m_rad, e.lever_cross_m_rad, e.lever_roll_m_rad
+    # unpacked as a whole: a named field costs as much as unpacking ten
+    (
+        platform_pitch, platform_roll, heading, _, _, _, joint_pitch, joint_roll, az, _, _, _, rod1, rod2, screw1, screw2, _, _, j11, j21, j22,
+        motor_rate1, motor_rate2, _, _, base_pitch, base_roll, base_pitch_rate, base_roll_rate, base_yaw_rate, base_pitch_accel, base_roll_accel,
+        _, _,
+    ) = e  # fmt: skip
+    kind, ref_pitch, ref_roll, ref_heading, ref_pitch_rate, ref_roll_rate, ref_heading_rate = r
+    gap_pitch, gap_roll = state.gap_pitch, state.gap_roll
+    inertial = kind == INERTIAL
     if inertial:
-        error_pitch = r.pitch_rad - e.platform_pitch_rad
-        error_roll = r.roll_rad - e.platform_roll_rad
-        error_heading = wrap_angle(r.heading_rad - e.heading_rad)
+        error_pitch = ref_pitch - platform_pitch
+        error_roll = ref_roll - platform_roll
+        error_heading = wrap_angle(ref_heading - heading)
     else:
-        error_pitch = r.pitch_rad - e.joint_pitch_rad
-        error_roll = r.roll_rad - e.joint_roll_rad
-        error_heading = r.heading_rad - e.azimuth_rad
+        error_pitch = ref_pitch - joint_pitch
+        error_roll = ref_roll - joint_roll
+        error_heading = ref_heading - az
 
-    lead1 = state.gap_pitch.offset_m if p.gap is not None else 0.0
-    lead2 = state.gap_roll.offset_m if p.gap is not None else 0.0
+    lead1 = gap_pitch.offset_m if p.gap is not None else 0.0
+    lead2 = gap_roll.offset_m if p.gap is not None else 0.0
     wanted = _NOTHING
     heading_integral = azimuth_wanted = azimuth_p = azimuth_ff = turn_rate = turn_slope = 0.0
     if gate >= ALIGN:
         limit = 0.25 * p.azimuth_rate_rad_s
         heading_integral = _clip(state.heading_integral + p.heading_ki * error_heading * dt, limit)
         azimuth_p = p.heading_kp * error_heading
-        heading_rate = azimuth_p + heading_integral + r.heading_rate_rad_s
+        heading_rate = azimuth_p + heading_integral + ref_heading_rate
         if inertial:
-            az = e.azimuth_rad
             if p.observe:
-                pitch, roll = tilt_joints(e.base_pitch_rad, e.base_roll_rad, az, r.pitch_rad, r.roll_rad)
+                pitch, roll = tilt_joints(base_pitch, base_roll, az, ref_pitch, ref_roll)
             else:
-                pitch, roll = e.joint_pitch_rad, e.joint_roll_rad
-            base_x, base_y, base_z = base_rate_on_platform(
-                e.base_pitch_rad, e.base_roll_rad, e.base_pitch_rate_rad_s, e.base_roll_rate_rad_s, e.base_yaw_rate_rad_s,
-                az, pitch, roll,
-            )  # fmt: skip
-            accel_x = accel_y = 0.0
-            if p.accelerate:
-                accel_x, accel_y, _ = base_rate_on_platform(
-                    e.base_pitch_rad, e.base_roll_rad, e.base_pitch_accel_rad_s2, e.base_roll_accel_rad_s2, 0.0,
-                    az, pitch, roll,
-                )  # fmt: skip
-            wx, wy, wz = euler_rates_to_body(
-                -e.platform_roll_rad, e.platform_pitch_rad, -r.roll_rate_rad_s, r.pitch_rate_rad_s, heading_rate
+                pitch, roll = joint_pitch, joint_roll
+            base_x, base_y, base_z, accel_x, accel_y = base_motion_on_platform(
+                base_pitch, base_roll, base_pitch_rate, base_roll_rate, base_yaw_rate, base_pitch_accel, base_roll_accel, az, pitch, roll
             )
+            if not p.accelerate:
+                accel_x = accel_y = 0.0
+            wx, wy, wz = euler_rates_to_body(-platform_roll, platform_pitch, -ref_roll_rate, ref_pitch_rate, heading_rate)
             if p.observe:
                 # the azimuth rate asked for: the one that there is comes in steps of the stepper's service and of its play
-                dp, dr = body_to_tilt_rates(pitch, roll, wx - base_x, wy - base_y, state.azimuth_rate)
-                ddp, ddr = body_to_tilt_rates(pitch, roll, -accel_x, -accel_y, 0.0)
-                wanted = _by_rods(p, e, error_pitch, error_roll, pitch, roll, dp, dr, ddp, ddr, lead1, lead2, gate)
+                dp, dr, ddp, ddr, cp, cr, sr = body_to_tilt_motion(
+                    pitch, roll, wx - base_x, wy - base_y, state.azimuth_rate, -accel_x, -accel_y
+                )
+                wanted = _by_rods(
+                    p, screw1, screw2, j11, j21, j22, error_pitch, error_roll, pitch, roll, dp, dr, ddp, ddr, lead1, lead2, gate
+                )
             else:
                 wanted = _by_attitude(
                     state, p, e, r, error_pitch, error_roll, heading_rate, base_x, base_y, accel_x, accel_y, gate
                 )
-            cp, cr, sr = cos(pitch), cos(roll), sin(roll)
+                cp, cr, sr = cos(pitch), cos(roll), sin(roll)
             azimuth_wanted = (wz * cr - wy * sr) / cp
             if p.heading_feedforward:
                 turn_rate, turn_slope = _track(
@@ -396,31 +401,28 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
             azimuth_ff = azimuth_wanted - azimuth_p - heading_integral
         else:
             wanted = _by_rods(
-                p, e, error_pitch, error_roll, r.pitch_rad, r.roll_rad, r.pitch_rate_rad_s, r.roll_rate_rad_s, 0.0, 0.0,
+                p, screw1, screw2, j11, j21, j22, error_pitch, error_roll, ref_pitch, ref_roll, ref_pitch_rate, ref_roll_rate, 0.0, 0.0,
                 lead1, lead2, gate,
             )
             azimuth_ff, azimuth_wanted = r.heading_rate_rad_s, heading_rate
 
     gravity1 = gravity2 = 0.0
     if p.gap is not None:
-        gravity1, gravity2 = backlash.gravity_forces(p.gap, e.platform_pitch_rad, e.platform_roll_rad, j11, j21, j22)
+        gravity1, gravity2 = backlash.gravity_forces(p.gap, platform_pitch, platform_roll, j11, j21, j22)
     enabled = gate != OFF
+    attitude_pitch, attitude_roll, ff_pitch, ff_roll, speed1, speed2, planned1, planned2, accel1, accel2 = wanted
     pitch_terms, axis_pitch, gap_pitch = _rod(
-        state.axis_pitch, p.pitch, p, state.gap_pitch, wanted.attitude_pitch, error_pitch, wanted.ff_pitch,
-        wanted.rod_pitch_m_s, wanted.planned_pitch_m_s, wanted.accel_pitch_a, gravity1, e.rod_pitch_m,
-        e.screw_pitch_m - e.rod_pitch_m, e.motor_pitch_rate_rad_s,
-        dt, enabled,
+        state.axis_pitch, p.pitch, p, gap_pitch, attitude_pitch, error_pitch, ff_pitch, speed1, planned1, accel1, gravity1, rod1,
+        screw1 - rod1, motor_rate1, dt, enabled,
     )  # fmt: skip
     roll_terms, axis_roll, gap_roll = _rod(
-        state.axis_roll, p.roll, p, state.gap_roll, wanted.attitude_roll, error_roll, wanted.ff_roll,
-        wanted.rod_roll_m_s, wanted.planned_roll_m_s, wanted.accel_roll_a, gravity2, e.rod_roll_m,
-        e.screw_roll_m - e.rod_roll_m, e.motor_roll_rate_rad_s,
-        dt, enabled,
+        state.axis_roll, p.roll, p, gap_roll, attitude_roll, error_roll, ff_roll, speed2, planned2, accel2, gravity2, rod2,
+        screw2 - rod2, motor_rate2, dt, enabled,
     )  # fmt: skip
     azimuth_rate, azimuth_bits = limit_rate(
         azimuth_wanted,
         state.azimuth_rate,
-        e.azimuth_rad,
+        az,
         p.azimuth_min_rad,
         p.azimuth_max_rad,
         p.azimuth_rate_rad_s,
@@ -438,8 +440,8 @@ def step(state: LawState, p: LawParams, e: Estimate, r: Reference, dt: float, ga
     return _new(Output, (pitch_terms, roll_terms, azimuth)), _new(
         LawState,
         (
-            wanted.attitude_pitch,
-            wanted.attitude_roll,
+            attitude_pitch,
+            attitude_roll,
             axis_pitch,
             axis_roll,
             gap_pitch,

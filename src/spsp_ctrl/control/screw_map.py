@@ -31,7 +31,7 @@ START = ScrewMap(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 def error(state: ScrewMap, screw_rad: float) -> tuple[float, float]:
     """Travel error in m at a screw angle, and its derivative by the angle in m/rad."""
-    s1, c1, s2, c2 = state[:4]
+    s1, c1, s2, c2, _, _, _, _ = state
     s, c = sin(screw_rad), cos(screw_rad)
     ss, cc = 2.0 * s * c, c * c - s * s
     return s1 * s + c1 * c + s2 * ss + c2 * cc, s1 * c - c1 * s + 2.0 * (s2 * cc - c2 * ss)

@@ -265,8 +265,18 @@ def _pdo_objects(
     return found
 
 
+_RESERVED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x7FF))
+"""Identifiers that no PDO may take (CiA 301, restricted CAN-IDs): a PDO on 0 would be a network command to every node."""
+
+
+def _pdo_identifier(value: int) -> int:
+    number = value & 0x1FFFFFFF
+    free = number <= 0x7FF and not any(low <= number <= high for low, high in _RESERVED) and not value >> 29 & 1
+    return 0 if free else T.OUT_OF_RANGE
+
+
 def guard_mappings(objects: dict[Key, Object]) -> None:
-    """Mappings can be written only while empty, only to mappable objects, and hold at most 64 bits."""
+    """Mappings can be written only while empty, only to mappable objects, and hold at most 64 bits; identifiers only those free for PDOs."""
 
     def entry(mapping: int) -> Callable[[int], int]:
         def check(value: int) -> int:
@@ -288,5 +298,7 @@ def guard_mappings(objects: dict[Key, Object]) -> None:
         return check
 
     for (index, subindex), target in objects.items():
+        if subindex == 1 and (T.RPDO_SETTINGS <= index < T.RPDO_SETTINGS + 4 or T.TPDO_SETTINGS <= index < T.TPDO_SETTINGS + 4):
+            target.written = _pdo_identifier
         if T.RPDO_MAPPING <= index < T.RPDO_MAPPING + 4 or T.TPDO_MAPPING <= index < T.TPDO_MAPPING + 4:
             target.written = total(index) if subindex == 0 else entry(index)

@@ -10,8 +10,15 @@ _TYPES = {(8, False): 0x05, (16, False): 0x06, (32, False): 0x07, (8, True): 0x0
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 
 
-def eds(name: str, objects: dict[Key, Object]) -> str:
-    """Text of the file. The default values are those of the dictionary, identifiers included, so it belongs to one node number."""
+_PDO_SETTINGS = ((0x1400, 0x1600), (0x1800, 0x1A00))
+
+
+def eds(name: str, objects: dict[Key, Object], node: int = 0) -> str:
+    """Text of the file. The default values are those of the dictionary.
+
+    ``node`` is the number whose dictionary this is: identifiers of PDOs are then written relative to it (``$NODEID+0x180``), so that the
+    file serves every number. Without it they are those of the dictionary.
+    """
     numbers = sorted({index for index, _ in objects})
     groups = {
         "MandatoryObjects": [n for n in numbers if n in _MANDATORY],
@@ -24,11 +31,12 @@ def eds(name: str, objects: dict[Key, Object]) -> str:
     for group, members in groups.items():
         lines += [f"[{group}]", f"SupportedObjects={len(members)}", *(f"{i}=0x{n:04X}" for i, n in enumerate(members, 1)), ""]
     for number in numbers:
-        lines += [*_entry(number, {sub: o for (index, sub), o in objects.items() if index == number}), ""]
+        relative = node if any(low <= number < high for low, high in _PDO_SETTINGS) else 0
+        lines += [*_entry(number, {sub: o for (index, sub), o in objects.items() if index == number}, relative), ""]
     return "\n".join(lines)
 
 
-def _entry(number: int, parts: dict[int, Object]) -> Iterator[str]:
+def _entry(number: int, parts: dict[int, Object], node: int) -> Iterator[str]:
     yield f"[{number:04X}]"
     if list(parts) == [0]:
         yield from _variable(parts[0])
@@ -39,13 +47,14 @@ def _entry(number: int, parts: dict[int, Object]) -> Iterator[str]:
     for sub, part in sorted(parts.items()):
         yield ""
         yield f"[{number:04X}sub{sub:X}]"
-        yield from _variable(part)
+        yield from _variable(part, node if sub == 1 else 0)
 
 
-def _variable(part: Object) -> Iterator[str]:
+def _variable(part: Object, node: int = 0) -> Iterator[str]:
     yield f"ParameterName={part.name}"
     yield "ObjectType=0x7"
     yield f"DataType=0x{_TYPES[part.bits, part.signed]:04X}"
     yield f"AccessType={'rw' if part.writable else 'ro'}"
-    yield f"DefaultValue={part.text if not part.bits else part.value}"
+    value = f"$NODEID+0x{part.value - node:X}" if node else part.text if not part.bits else part.value
+    yield f"DefaultValue={value}"
     yield f"PDOMapping={int(part.mappable)}"

@@ -65,6 +65,8 @@ CSV, CST = 9, 10
 """Modes of operation: cyclic synchronous velocity and torque."""
 MODE_BITS = 1 << (CSV - 1) | 1 << (CST - 1)
 DEVICE_TYPE_SERVO = 0x00020192
+TEMPERATURES = 0x2002
+"""Of the manufacturer: two temperature inputs, signed 16 bit in steps of 1/16 degree."""
 
 # controlword: commands and bits
 SHUTDOWN, SWITCH_ON, ENABLE, DISABLE_VOLTAGE, QUICK_STOP, FAULT_RESET = 0x0006, 0x0007, 0x000F, 0x0000, 0x0002, 0x0080

@@ -49,6 +49,9 @@ def _profile() -> dict[Key, Object]:
         (T.INTERPOLATION_PERIOD, 2): Object("Interpolation time index", 8, -3, signed=True, writable=True, low=-6, high=0),
         (T.TARGET_VELOCITY, 0): Object("Target velocity", 32, signed=True, writable=True, mappable=True),
         (T.SUPPORTED_MODES, 0): Object("Supported drive modes", 32, T.MODE_BITS),
+        (T.TEMPERATURES, 0): Object("Temperature inputs count", 8, 2),
+        (T.TEMPERATURES, 1): Object("Temperature input 1", 16, signed=True),
+        (T.TEMPERATURES, 2): Object("Temperature input 2", 16, signed=True),
     }
 
 
@@ -73,7 +76,7 @@ class Drive:
         self.node = Node(number, objects)
         self.node.on_sync = self._latch
         self.node.on_loss = self._lost
-        self.motor = MotorReading(0, 0)
+        self._motor = MotorReading(0, 0)
         self.state = T.SWITCH_ON_DISABLED
         self._word = 0
         self._show()
@@ -88,6 +91,22 @@ class Drive:
         if mode == T.CST:
             return DriveCommand(True, mode, value[T.TARGET_TORQUE], 0)
         return DriveCommand(True, mode, value[T.TORQUE_OFFSET], value[T.TARGET_VELOCITY])
+
+    @property
+    def motor(self) -> MotorReading:
+        """What the sensors of the drive read."""
+        return self._motor
+
+    @motor.setter
+    def motor(self, reading: MotorReading) -> None:
+        self._motor = reading
+        if self.node.state != T.OPERATIONAL:  # no SYNC counts yet: objects show what is
+            self._latch()
+
+    def warm(self, first_c: float, second_c: float) -> None:
+        """Set the temperature inputs."""
+        for subindex, value in ((1, first_c), (2, second_c)):
+            self.node.objects[T.TEMPERATURES, subindex].value = min(max(round(value * 16.0), -32768), 32767)
 
     def receive(self, frame: Frame, now_ns: int = 0) -> list[Frame]:
         """React to one frame of the bus."""

@@ -65,7 +65,7 @@ class Axis:
 
     def receive(self, frame: Frame, now_ns: int = 0) -> list[Frame]:
         """React to one frame."""
-        number, data = frame
+        number, data = frame[0] & ~T.REMOTE, frame[1]
         if number >> T.COMMAND_BITS != self._node:
             return []
         command = number & (1 << T.COMMAND_BITS) - 1

@@ -9,6 +9,8 @@ VERSION, HEARTBEAT, ESTOP, ERRORS, SET_STATE, ESTIMATES, SET_MODE = 0x00, 0x01, 
 INPUT_VELOCITY, INPUT_TORQUE, CURRENTS, TEMPERATURES, BUS, CLEAR_ERRORS, TORQUES = 0x0D, 0x0E, 0x14, 0x15, 0x17, 0x18, 0x1C
 QUERIES = (VERSION, ERRORS, ESTIMATES, CURRENTS, TEMPERATURES, BUS, TORQUES)
 """What is answered on a remote frame; a frame without data stands for one here."""
+REMOTE = 1 << 30
+"""Flag of an identifier that makes it a remote frame on a real bus (as SocketCAN has it)."""
 
 HEARTBEAT_LAYOUT, TWO_FLOATS, ONE_FLOAT, TWO_WORDS, ONE_WORD, VERSION_LAYOUT = "<IBBBx", "<ff", "<f", "<II", "<I", "<8B"
 

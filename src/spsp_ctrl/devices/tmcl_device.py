@@ -82,14 +82,21 @@ class Axis:
         self.positioning = False
         self.parameters[T.TARGET_SPEED] = 0
 
+    def demand(self, dt_s: float) -> float:
+        """Speed that the ramp goes towards now, for a motor that is moved from outside (``position`` and ``speed`` are set there)."""
+        target = self._search() if self.search_phase else self._wanted(dt_s)
+        return 0.0 if self._blocked(target) else target
+
+    def _blocked(self, target: float) -> bool:
+        towards_right = target > 0.0 and self.right_switch and not self.parameters[T.RIGHT_DISABLE]
+        towards_left = target < 0.0 and self.left_switch and not self.parameters[T.LEFT_DISABLE]
+        return bool(towards_right or towards_left) and not self._ignores_switches()
+
     def advance(self, dt_s: float) -> None:
         """Let time pass: ramp with the maximum acceleration, stop at the end switches, search."""
         target = self._search() if self.search_phase else self._wanted(dt_s)
         step = self.parameters[T.MAX_ACCELERATION] * dt_s
-        blocked = (target > 0.0 and self.right_switch and not self.parameters[T.RIGHT_DISABLE]) or (
-            target < 0.0 and self.left_switch and not self.parameters[T.LEFT_DISABLE]
-        )
-        if blocked and not self._ignores_switches():
+        if self._blocked(target):
             target = 0.0
             if not self.parameters[T.SOFT_STOP]:
                 self.speed = 0.0

@@ -150,7 +150,7 @@ class Stepper:
 
     TIMEOUT_NS = 50_000_000
 
-    def __init__(self, motor: int = 0, unit: SpeedUnit | None = None) -> None:
+    def __init__(self, motor: int = 0, unit: SpeedUnit | None = None, *, paced: bool = False) -> None:
         self._motor = motor
         self._unit = unit or SpeedUnit()
         self._waiting: Request | None = None
@@ -159,6 +159,8 @@ class Stepper:
         self._values = dict.fromkeys(_ASKED, 0)
         self._round_ns = 0
         self._order: Request | None = None
+        self._paced = paced
+        self._due = not paced
         self.reading = StepperReading(0, 0.0, False, False, False, 0, -1)
         self.lost = 0
         """Requests without an answer."""
@@ -175,6 +177,10 @@ class Stepper:
         """Stop; goes out before the next question."""
         self._order = stop(self._motor)
 
+    def ask_again(self) -> None:
+        """Ask for everything once more. A stepper that is ``paced`` asks nothing without it; else rounds follow each other."""
+        self._due = True
+
     def step(self, now_ns: int, replies: Iterable[Reply]) -> Request | None:
         """Take what has arrived; the request to send now, if any."""
         for reply in replies:
@@ -190,6 +196,9 @@ class Stepper:
             self._waiting, self._order = self._order, None
         else:
             if self._turn == 0:
+                if not self._due:
+                    return None
+                self._due = not self._paced
                 self._round_ns = now_ns
             self._waiting = get(self._motor, _ASKED[self._turn])
         self._sent_ns = now_ns

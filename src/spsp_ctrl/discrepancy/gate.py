@@ -19,8 +19,11 @@ from spsp_ctrl.plant.layout import A
 MOST_LOST = 0.02
 """Share of cycles that may be missing."""
 MOST_SKEW = 0.02
-FACTORS = (1000.0, 1e-3, 100.0, 0.01, 180.0 / np.pi, np.pi / 180.0, 60.0, 1.0 / 60.0, 2.0 * np.pi, 0.5 / np.pi, -1.0)
+FACTORS = (1000.0, 1e-3, 100.0, 0.01, 180.0 / np.pi, np.pi / 180.0, 60.0, 1.0 / 60.0, 2.0 * np.pi, 0.5 / np.pi, 1.0 / 0.0254, 0.0254, -1.0)
 """Ratios that a wrong unit makes."""
+MOST_DRIFT, LEAST_DRIFT = 1e-3, 5e-5
+"""Change of a clock's rate within a record that is refused, and that is told."""
+COLDEST_C, HOTTEST_C = -60.0, 150.0
 REPLAYED = 0.02
 """Share of the command that a replay of the stated controller may miss."""
 
@@ -51,12 +54,33 @@ def judge(record: Record, model: AxisModel) -> Gate:
         gate.problems.append(f"the log has {record.rate_hz:g} Hz, the model {model.file.rate_hz:g} Hz")
     _time(gate, record)
     if rows["velocity_mode"].any():
-        gate.problems.append("the drive was in velocity mode: a diagnosis of its own speed loop is not built yet")
+        _velocity(gate, record, model)
     if not rows["enabled"].all():
         gate.problems.append(f"the drive was off in {int((~rows['enabled']).sum())} cycles; cut the log to where it was on")
     _units(gate, record, model)
     _controller(gate, record, model)
     return gate
+
+
+def _velocity(gate: Gate, record: Record, model: AxisModel) -> None:
+    """Velocity mode: what the drive was told is a speed, what it gave is at best a measured current."""
+    rows = record.rows
+    if model.file.bare or model.file.controller.kind == "cascade":
+        gate.problems.append("the drive was in velocity mode: a model of force and cascade does not describe its own speed loop")
+        return
+    if not rows["velocity_mode"].all():
+        gate.problems.append("the drive changes between velocity and current mode; cut the log to one of them")
+        return
+    motor = record.motor_rad(float(model.parameters()[A.resolver_counts]) or 2.0 * np.pi)
+    told, speed = np.asarray(rows["command_rad_s"], np.float64), np.gradient(motor) * record.rate_hz
+    if np.ptp(told) == 0.0:
+        gate.problems.append("command_rad_s never changes in velocity mode: the channel is lacking")
+        return
+    _ratio(gate, "speed by resolver_counts against command_rad_s", slope(told, np.asarray(speed)), band=0.2)
+    if np.ptp(rows["current_a"]) == 0.0:
+        gate.remarks.append("velocity mode without a measured current: only what stands between motor and ruler is judged")
+    else:
+        gate.remarks.append("velocity mode: the measured current stands for the torque; what lies between command and current is not judged")
 
 
 def _values(gate: Gate, record: Record) -> None:
@@ -85,14 +109,33 @@ def _time(gate: Gate, record: Record) -> None:
         gate.problems.append(f"the stamps say {1.0 / period:.6g} Hz, the log {record.rate_hz:g} Hz")
     elif abs(skew) > 2e-5:
         gate.remarks.append(f"clock skew: the stamps run {skew * 1e6:.0f} ppm off the stated rate")
+    _drift(gate, np.asarray(cycles, np.float64), np.asarray(stamps - stamps[0], np.float64) * 1e-9, period)
     jitter = float(np.std(times * 1e-9 - steps * period))
     if jitter > 0.05 * period:
         gate.remarks.append(f"the stamps jitter by {jitter * 1e6:.0f} us")
 
 
+def _drift(gate: Gate, cycles: Array, stamps_s: Array, period: float) -> None:
+    """A clock that changes its rate: the slope of the stamps in the first and the last fifth."""
+    fifth = len(cycles) // 5
+    if fifth < 50:
+        return
+    early, late = slope(cycles[:fifth], stamps_s[:fifth]), slope(cycles[-fifth:], stamps_s[-fifth:])
+    change = (late - early) / period
+    if abs(change) > MOST_DRIFT:
+        gate.problems.append(f"the clock drifts: its rate changes by {change * 1e6:.0f} ppm from the first to the last fifth")
+    elif abs(change) > LEAST_DRIFT:
+        gate.remarks.append(f"the clock drifts by {change * 1e6:.0f} ppm from the first to the last fifth")
+
+
 def _units(gate: Gate, record: Record, model: AxisModel) -> None:
     """Travel by motor and by ruler must be the same thing; a ratio near a known factor is a wrong unit."""
     p = model.parameters()
+    for name in ("screw_c", "ambient_c"):
+        low, high = float(record.rows[name].min()), float(record.rows[name].max())
+        if low < COLDEST_C or high > HOTTEST_C:
+            unit = "; kelvin would be 273.15 higher" if low > 250.0 and high < 273.15 + HOTTEST_C else ""
+            gate.problems.append(f"{name} reaches {low:.4g} to {high:.4g} degC: wrong unit{unit}")
     load = np.asarray(record.rows["load_m"], np.float64)
     if float(np.ptp(load)) == 0.0:
         gate.problems.append("load_m never changes: the channel is lacking")
@@ -106,6 +149,8 @@ def _units(gate: Gate, record: Record, model: AxisModel) -> None:
     if model.file.bare:
         if model.file.controller.kind == "cascade" and np.ptp(record.rows["reference_m"]) > 0:
             _ratio(gate, "load_m against reference_m", slope(np.asarray(record.rows["reference_m"], np.float64), load))
+        return
+    if record.rows["velocity_mode"].any():
         return
     if np.ptp(record.rows["current_a"]) == 0.0:
         gate.problems.append("current_a never changes: the channel is lacking")

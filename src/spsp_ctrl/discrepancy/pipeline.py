@@ -11,6 +11,7 @@ import numpy as np
 from spsp_ctrl.discrepancy import floor as floors
 from spsp_ctrl.discrepancy import library as names
 from spsp_ctrl.discrepancy.baseline import baselines, difference_floor
+from spsp_ctrl.discrepancy.closing import close
 from spsp_ctrl.discrepancy.features import basis, features
 from spsp_ctrl.discrepancy.find import find
 from spsp_ctrl.discrepancy.fitting import Bench, Fitted, Split, fit, robust_rms
@@ -23,6 +24,7 @@ from spsp_ctrl.discrepancy.replica import UNITS, Replica, replica, smooth
 from spsp_ctrl.discrepancy.result import Curve, Diagnosis, NamedEffect, Unexplained, Value
 from spsp_ctrl.discrepancy.scatter import Random, lost_or_coarse, noisier, repeated, scatter
 from spsp_ctrl.discrepancy.show import OPEN, gaps
+from spsp_ctrl.discrepancy.unknown import refuse
 from spsp_ctrl.discrepancy.whitening import colour, plain
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.axis_model import AxisModel, load_axis_model
@@ -139,6 +141,7 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
         answer.reason = "only `find` was asked for"
         return answer
     first, state = search.run(p, before)
+    state, refused = refuse(search, first, state)
     answer.screening = search.trace
     if commissioned is not None and not randoms:
         randoms = noisier(train.replicas[0].residuals(state.p)["resolver"], fitted.residuals["resolver"])
@@ -157,6 +160,7 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
     answer.gap = gaps(first.held, after, floor, task.seed)
     answer.curves = _curves(held, first.held, after)
     _conclude(answer, train, state, first, task.seed, bool(randoms))
+    close(answer, model, search, first, state, after, floor, [r for records in kept.values() for r in records], refused, tick)
     return answer
 
 
@@ -178,7 +182,8 @@ def _library(model: AxisModel, train: Bench, state: State, calibrated: bool) -> 
     reach = names.reaches(model, state.p, current, np.asarray(speed))
     orders = best_orders(train, state.fitted.residuals)
     lines = best_frequencies(train, state.fitted.residuals)
-    return [names.candidate(model, e, h, state.p, reach, orders, lines, calibrated) for e, h in names.hypotheses(model, state.p)]
+    known = [(e, h) for e, h in names.hypotheses(model, state.p) if h.name not in one.blind]
+    return [names.candidate(model, e, h, state.p, reach, orders, lines, calibrated) for e, h in known]
 
 
 def best_orders(bench: Bench, residuals: Split, count: int = 3) -> tuple[float, ...]:
@@ -186,7 +191,7 @@ def best_orders(bench: Bench, residuals: Split, count: int = 3) -> tuple[float, 
 
     Looked for in the whitened residual of the channel that follows the torque most quickly.
     """
-    channel = "force" if "force" in residuals else "resolver"
+    channel = next(c for c in ("force", "resolver", "current", "ruler") if c in residuals)
     one, use = bench.replicas[0], bench.use[0][channel]
     values = colour(residuals[channel]).apply(residuals[channel])[: int(use.sum())]
     motor = one.measured["motor"] if np.ptp(one.measured["motor"]) > 0 else one.measured["load"] / one.travel_per_rad

@@ -30,7 +30,7 @@ def replay_log(
     for topic in ("/measurement", "/control"):
         if topic not in data.topics or len(data.topics[topic]) == 0:
             raise LogError(f"{log}: cannot be replayed: no messages on {topic}")
-    recorded_rig, scenario = _attached(data, "rig.yaml", load_rig), _attached(data, "scenario.yaml", load_scenario).model
+    recorded_rig, scenario = attached(data, "rig.yaml", load_rig), attached(data, "scenario.yaml", load_scenario).model
     loaded = recorded_rig if config is None else load_rig(config)
     if overrides:
         loaded = apply_overrides(loaded, overrides)
@@ -54,7 +54,8 @@ def replay_log(
     return replace(result, log_problem=data.problem)
 
 
-def _attached(data: LogData, name: str, load: Callable[[Path], L]) -> L:
+def attached(data: LogData, name: str, load: Callable[[Path], L]) -> L:
+    """An attachment of a log, loaded as the file that it was. Raises ``LogError``."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
         path.write_bytes(data.attachments[name])

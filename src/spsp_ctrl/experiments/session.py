@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from spsp_ctrl.config.loader import dump_resolved
-from spsp_ctrl.config.rig import RigConfig
+from spsp_ctrl.config.rig import BusDriver, RealTimeConfig, RigConfig
 from spsp_ctrl.config.scenario import Scenario
 from spsp_ctrl.experiments import summary as figures
 from spsp_ctrl.messages import Control, Measurement, OperatorRequest, Timing, Truth
@@ -28,8 +29,8 @@ from spsp_ctrl.rig.factory import build_rig
 from spsp_ctrl.runtime import cycle
 from spsp_ctrl.runtime.clock import LockStepClock, MonotonicClock
 from spsp_ctrl.runtime.identity import law_digest, versions
-from spsp_ctrl.runtime.loop import Interrupts, LoopResult, Operator, StatusSink, run_loop
-from spsp_ctrl.runtime.realtime import RealTime
+from spsp_ctrl.runtime.loop import CycleRecorder, Interrupts, LoopResult, Operator, Policy, StatusSink, run_loop
+from spsp_ctrl.runtime.realtime import RealTime, Wishes, degraded
 
 LOG_NAME = "run.mcap"
 
@@ -57,6 +58,9 @@ class Watcher:
     def event(self, text: str, t_s: float) -> None:
         """Something happened."""
 
+    def degraded(self, names: str) -> None:
+        """What of the real-time settings was not granted."""
+
     def recording(self, counts: Callable[[], tuple[int, int]]) -> None:
         """Where to ask how many records were handed over and lost."""
 
@@ -78,6 +82,19 @@ class _Watched:
 
     def operator(self, request: OperatorRequest) -> None:
         self._recorder.operator(request)
+
+
+class _WithRaw:
+    """A recorder that also takes what went over the buses of the rig."""
+
+    def __init__(self, recorder: Recorder, inner: CycleRecorder, raw: Any) -> None:
+        self._recorder, self._inner, self._raw = recorder, inner, raw
+        self.event, self.operator = inner.event, inner.operator
+        raw.start()
+
+    def record_cycle(self, measurement: Measurement, control: Control, timing: Timing, truth: Truth | None) -> None:
+        self._inner.record_cycle(measurement, control, timing, truth)
+        self._recorder.raw(measurement.stamp_ns, self._raw.take())
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +168,9 @@ def run_session(
         "scenario.yaml": dump_resolved(scenario),
         "model.yaml": plan.model_path.read_text(encoding="utf-8"),
     }
+    facts = getattr(rig, "facts", None)
+    if facts is not None:
+        files["devices.json"] = json.dumps({"identity": identity._asdict(), "facts": facts()}, indent=2) + "\n"
     for name, text in files.items():
         (folder / name).write_text(text, encoding="utf-8")
     mode = "real-time" if plan.real_time else "lock-step"
@@ -169,7 +189,10 @@ def run_session(
         "virtual": str(identity.virtual).lower(),
     }
     recorder = Recorder(folder / LOG_NAME, real_time=plan.real_time, attachments=files, metadata={"run": about, "versions": versions()})
-    watched = _Watched(recorder, watcher) if watcher is not None else recorder
+    watched: CycleRecorder = _Watched(recorder, watcher) if watcher is not None else recorder
+    raw = getattr(rig, "raw", None)
+    if raw is not None:
+        watched = _WithRaw(recorder, watched, raw)
     if watcher is not None:
         watcher.recording(recorder.counts)
 
@@ -177,13 +200,22 @@ def run_session(
         utc_ns = time.time_ns() - (time.monotonic_ns() - origin_ns)
         recorder.metadata("clock", {"monotonic_ns": str(origin_ns), "utc_ns": str(utc_ns)})
 
-    clock = MonotonicClock(period_ns, started) if plan.real_time else LockStepClock(period_ns)
+    asked = config.realtime
+    clock = MonotonicClock(period_ns, started, spin_ns(config)) if plan.real_time else LockStepClock(period_ns)
     controller = cycle.controller(config)
     state = cycle.start(config, scenario.reference)
     announce(f"running {scenario.name} for {scenario.duration_s:g} s ({mode})")
-    realtime = RealTime(plan.real_time and config.realtime.enabled, config.realtime.priority)
+    realtime = RealTime(wishes(asked) if plan.real_time and asked.enabled else None)
+    if plan.real_time and asked.enabled and asked.cpu is not None:
+        keep_off(recorder.pid, asked.cpu)
     try:
         with interruptible() as interrupts, realtime:
+            refused = degraded(realtime.granted)
+            if refused:
+                names = ", ".join(name.replace("_", " ") for name, _ in refused)
+                announce(f"degraded: not granted by the operating system: {names}")
+                if watcher is not None:
+                    watcher.degraded(names)
             result = run_loop(
                 rig,
                 clock,
@@ -195,6 +227,8 @@ def run_session(
                 watcher.status if watcher else None,
                 interrupts,
                 config.rate_hz,
+                policy=Policy(plan.real_time and asked.on_miss == "stop", asked.on_log_failure == "stop"),
+                log_problem=lambda: recorder.problem,
             )
     finally:
         rig.stop()
@@ -203,9 +237,34 @@ def run_session(
         stats = recorder.close()
     log, stats = _read_back(folder / LOG_NAME, stats)
     summary = summarise(plan, log, result, realtime.granted, stats)
+    if hasattr(rig, "figures"):
+        summary["buses"] = bus_figures(rig.figures(), log, config.rate_hz)
     text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
-    (folder / "summary.json").write_text(text, encoding="utf-8")
+    try:
+        (folder / "summary.json").write_text(text, encoding="utf-8")
+    except OSError as error:  # a full disk: the run is over, its figures are still shown
+        with suppress(OSError):
+            (folder / "summary.json").unlink()
+        stderr(f"{folder / 'summary.json'}: cannot be written: {error.strerror}")
     return SessionResult(folder, summary, log, result)
+
+
+def wishes(asked: RealTimeConfig) -> Wishes:
+    """What the rig file asks of the operating system."""
+    return Wishes(asked.priority, asked.cpu, asked.lock_memory, asked.cpu_dma_latency, asked.freeze_collector)
+
+
+def spin_ns(config: RigConfig) -> int:
+    """Time to spin before a deadline: what the rig file asks, at most 40 % of a period (the kernel throttles a real-time task that never sleeps)."""
+    return round(min(config.realtime.spin_us * 1e3, 0.4e9 / config.rate_hz)) if config.realtime.enabled else 0
+
+
+def keep_off(pid: int, cpu: int) -> None:
+    """Another process leaves the core of the loop, where there is another one."""
+    with suppress(OSError, AttributeError):
+        others = os.sched_getaffinity(pid) - {cpu}
+        if others:
+            os.sched_setaffinity(pid, others)
 
 
 def _read_back(path: Path, stats: RecorderStats) -> tuple[LogData, RecorderStats]:
@@ -215,7 +274,7 @@ def _read_back(path: Path, stats: RecorderStats) -> tuple[LogData, RecorderStats
     except LogError as error:
         log = LogData(path, {}, {}, [], [], {}, {}, False, str(error))
     log = replace(log, topics={topic: np.zeros(0, TOPICS[topic].dtype) for topic in CYCLIC} | log.topics)
-    kept = sum(map(len, log.topics.values())) + len(log.events) + len(log.operator)
+    kept = sum(map(len, log.topics.values())) + len(log.events) + len(log.operator) + sum(log.others.values())
     lost = stats.records + stats.lost - kept
     return log, RecorderStats(kept, lost, stats.problem or log.problem)
 
@@ -230,7 +289,7 @@ def summarise(
         "scenario": scenario.name,
         "law": config.control.law,
         "mode": "real-time" if plan.real_time else "lock-step",
-        "virtual": True,
+        "virtual": virtual(config),
         "ended": result.ended,
         "duration_s": min(scenario.duration_s, result.last_ns * 1e-9),
         "settle_s": scenario.settle_s,
@@ -243,6 +302,24 @@ def summarise(
     summary["realtime_granted"] = granted
     summary["acceptance"] = figures.acceptance(scenario.acceptance, summary, config.control.law)
     return summary
+
+
+def bus_figures(counted: dict[str, float], log: LogData, rate_hz: int) -> dict[str, float]:
+    """What the buses did and what they cost: frames by direction, answers late or lost, time of read and write without the wait for SYNC."""
+    timing = log.topics["/timing"]
+    frames = {"received": 0, "sent": 0}
+    for topic, count in log.others.items():
+        if topic.startswith("/raw/"):
+            frames["sent" if topic.endswith("/tx") else "received"] += count
+    if not len(timing):
+        return {**frames, **counted}
+    io_us = 1e-3 * float(np.mean(timing["read_ns"] + timing["write_ns"])) - counted.get("waiting_us_mean", 0.0)
+    return {**frames, **counted, "io_us_mean": round(io_us, 3), "io_share_of_period": round(io_us * 1e-6 * rate_hz, 5)}
+
+
+def virtual(config: RigConfig) -> bool:
+    """Whether no hardware is behind the rig file."""
+    return not isinstance(config.rig, BusDriver) or config.rig.world != "hardware"
 
 
 def imu_bias(model_path: Path) -> figures.ImuBias:

@@ -253,6 +253,27 @@ def body_to_tilt_rates(pitch: float, roll: float, wx: float, wy: float, azimuth_
     return pitch_rate, -(wx + azimuth_rate * sin(pitch))
 
 
+def body_to_tilt_motion(
+    pitch: float, roll: float, wx: float, wy: float, azimuth_rate: float, ax: float, ay: float
+) -> tuple[float, float, float, float, float, float, float]:
+    """:func:`body_to_tilt_rates` for rates and, at no azimuth rate, for accelerations; and the cosine of pitch, cosine and sine of roll.
+
+    Each to the last bit what that function gives (a test holds that), with a third of its sines: for the loop.
+    """
+    cp, sp = cos(pitch), sin(pitch)
+    cr, sr = cos(roll), sin(roll)
+    return (
+        (wy + azimuth_rate * sr * cp) / cr,
+        -(wx + azimuth_rate * sp),
+        # an azimuth rate of zero still decides the sign of a zero
+        (ay + 0.0 * sr * cp) / cr,
+        -(ax + 0.0 * sp),
+        cp,
+        cr,
+        sr,
+    )
+
+
 def body_to_tilt_accels(
     pitch: float,
     roll: float,

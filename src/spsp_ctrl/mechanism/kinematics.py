@@ -57,6 +57,24 @@ def jacobian(
     return j11, j21, j22
 
 
+def rods_and_jacobian(
+    pitch_rad: float, roll_rad: float, height_m: float, upper_m: float, lower_m: float
+) -> tuple[float, float, float, float, float]:
+    """:func:`rod_lengths` and :func:`jacobian` at one attitude, to the last bit (a test holds that) and with half of their sines: for the loop."""
+    sin_p, cos_p = sin(pitch_rad), cos(pitch_rad)
+    sin_r, cos_r = sin(roll_rad), cos(roll_rad)
+    square = upper_m * upper_m + lower_m * lower_m + height_m * height_m
+    l1 = sqrt(square - 2.0 * upper_m * (lower_m * cos_p + height_m * sin_p))
+    l2 = sqrt(square - 2.0 * upper_m * (lower_m * cos_r + height_m * sin_r * cos_p))
+    return (
+        l1,
+        l2,
+        upper_m * (lower_m * sin_p - height_m * cos_p) / l1,
+        upper_m * height_m * sin_r * sin_p / l2,
+        upper_m * (lower_m * sin_r - height_m * cos_r * cos_p) / l2,
+    )
+
+
 def jacobian_rate(
     pitch_rad: float,
     roll_rad: float,

@@ -67,3 +67,37 @@ def base_rate_on_platform(
     x, z = cp * x - sp * wz, sp * x + cp * wz
     cr, sr = cos(joint_roll), sin(joint_roll)
     return x, cr * y - sr * z, sr * y + cr * z
+
+
+def base_motion_on_platform(
+    base_pitch: float,
+    base_roll: float,
+    pitch_rate: float,
+    roll_rate: float,
+    yaw_rate: float,
+    pitch_accel: float,
+    roll_accel: float,
+    azimuth: float,
+    joint_pitch: float,
+    joint_roll: float,
+) -> tuple[float, float, float, float, float]:
+    """:func:`base_rate_on_platform` for the rates (x, y, z) and for the accelerations without yaw (x, y), to the last bit (a test holds that) and
+    with half of its sines: for the loop."""
+    cp, sp = cos(base_pitch), sin(base_pitch)
+    cr, sr = cos(base_roll), sin(base_roll)
+    srcp, crcp = sr * cp, cr * cp
+    wx = -roll_rate - yaw_rate * sp
+    wy = pitch_rate * cr - yaw_rate * sr * cp
+    wz = yaw_rate * cr * cp + pitch_rate * sr
+    # a yaw acceleration of zero still decides the sign of a zero
+    ax = -roll_accel - 0.0 * sp
+    ay = pitch_accel * cr - 0.0 * srcp
+    az = 0.0 * crcp + pitch_accel * sr
+    ca, sa = cos(azimuth), sin(azimuth)
+    cp, sp = cos(joint_pitch), sin(joint_pitch)
+    cr, sr = cos(joint_roll), sin(joint_roll)
+    x, y = ca * wx + sa * wy, ca * wy - sa * wx
+    x, z = cp * x - sp * wz, sp * x + cp * wz
+    u, v = ca * ax + sa * ay, ca * ay - sa * ax
+    u, w = cp * u - sp * az, sp * u + cp * az
+    return x, cr * y - sr * z, sr * y + cr * z, u, cr * v - sr * w

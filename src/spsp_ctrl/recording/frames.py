@@ -12,8 +12,10 @@ from spsp_ctrl.recording.schema import CYCLIC, JSON_TOPICS, RECORD, TOPICS, pack
 
 HEAD = "BHQII"
 FRAME = struct.Struct("<" + HEAD)
-MESSAGE, ATTACHMENT, METADATA, CYCLE = 0, 1, 2, 3
-"""Kinds. ``number`` is the topic of a message, the number of topics (the first of ``CYCLIC``) of a cycle, 0 otherwise."""
+MESSAGE, ATTACHMENT, METADATA, CYCLE, RAW = 0, 1, 2, 3, 4
+"""Kinds. The payload of ``RAW`` is a block of ``recording.raw``, its sequence the number of entries.
+
+``number`` is the topic of a message, the number of topics (the first of ``CYCLIC``) of a cycle, 0 otherwise."""
 TOPIC_NAMES = (*CYCLIC, *JSON_TOPICS)
 
 SIZES = tuple(RECORD.size + TOPICS[name].layout.size for name in CYCLIC)

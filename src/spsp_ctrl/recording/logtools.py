@@ -64,8 +64,9 @@ def info(path: Path) -> LogInfo:
             ends.append(float(times[-1]) * 1e-9)
     for topic, rows in (("/events", data.events), ("/operator", data.operator)):
         topics[topic] = {"messages": float(len(rows)), "rate_hz": 0.0}
+    seconds = max(ends, default=0.0) - min(starts, default=0.0)
     for topic, count in data.others.items():
-        topics[topic] = {"messages": float(count), "rate_hz": 0.0}
+        topics[topic] = {"messages": float(count), "rate_hz": count / seconds if seconds > 0.0 else 0.0}
     counted = next((topic for topic in ("/measurement", "/axis") if topic in data.topics), None)
     cycles = data.topics[counted]["cycle"] if counted else np.zeros(0, np.int64)
     missing = int((np.diff(cycles) - 1).clip(0).sum()) if len(cycles) > 1 else 0
@@ -86,7 +87,10 @@ def info(path: Path) -> LogInfo:
 
 
 def cat(path: Path, topic: str, fields: tuple[str, ...], start_s: float, end_s: float, limit: int) -> Iterator[dict[str, Any]]:
-    """Messages of one topic as flat dictionaries."""
+    """Messages of one topic as flat dictionaries; of a bus or line (``/raw/NAME`` or one direction of it) its frames and bytes."""
+    if topic.startswith("/raw/"):
+        yield from _raw(path, topic, fields, start_s, end_s, limit)
+        return
     data = read_log(path)
     count = 0
     if topic in JSON_TOPICS:
@@ -100,6 +104,31 @@ def cat(path: Path, topic: str, fields: tuple[str, ...], start_s: float, end_s: 
     times = data.log_times[topic] * 1e-9
     for row in rows[(times >= start_s) & (times <= end_s)][:limit]:
         yield {name: row[name].item() for name in names}
+
+
+def _raw(path: Path, topic: str, fields: tuple[str, ...], start_s: float, end_s: float, limit: int) -> Iterator[dict[str, Any]]:
+    """Frames as identifier and data in hex, in file order."""
+    from spsp_ctrl.recording.raw import RawEntry
+    from spsp_ctrl.recording.traces import raw_entries
+
+    if fields:
+        raise LogError(f"{path}: {topic} has no fields to choose from")
+    count, seen = 0, set()
+    for entry in raw_entries(path):
+        if not isinstance(entry, RawEntry):
+            continue
+        place = f"/raw/{entry.name}"
+        direction = f"{place}/{'tx' if entry.sent else 'rx'}"
+        seen.add(direction)
+        if topic not in (place, direction) or not start_s <= entry.stamp_ns * 1e-9 <= end_s or count >= limit:
+            continue
+        count += 1
+        row: dict[str, Any] = {"stamp_ns": entry.stamp_ns, "sent": entry.sent}
+        if entry.identifier >= 0:
+            row["id"] = f"{entry.identifier & 0x1FFFFFFF:03X}"
+        yield row | {"data": entry.data.hex()}
+    if not any(name == topic or name.startswith(topic + "/") for name in seen):
+        raise LogError(f"{path}: no topic {topic!r}; this log has {', '.join(sorted(seen)) or 'no raw topics'}")
 
 
 def export_csv(path: Path, topic: str, out: Path, fields: tuple[str, ...] = (), *, force: bool = False) -> int:

@@ -173,8 +173,9 @@ CYCLIC = ("/measurement", "/control", "/timing", "/truth")
 """What a rig records in every cycle; a log of a single axis holds ``/axis`` instead."""
 
 
-def packer(head: str, topics: tuple[str, ...]) -> Callable[..., bytes]:
-    """A function ``pack(t, k, first, *messages)`` for one message of each topic as MCAP message records, one after the other, in one ``struct`` call.
+def packer(head: str, topics: tuple[str, ...]) -> Callable[..., None]:
+    """A function ``pack(buffer, at, t, k, first, *messages)`` that lays one message of each topic as MCAP message records, one after the other, into
+    ``buffer`` from ``at`` on, in one ``struct`` call.
 
     ``t`` is the log time in ns, ``k`` the sequence, ``first`` a tuple of what ``head`` (codes of :mod:`struct`) lays out before the records. The
     channel of a topic is its place in ``CYCLIC``, counted from 1.
@@ -188,10 +189,11 @@ def packer(head: str, topics: tuple[str, ...]) -> Callable[..., bytes]:
         space[f"record{channel}"] = record
         names.append(f"m{channel}")
         values += [f"record{channel}", "k", "t", "t", "header", *_parts(codec.cls, names[-1])]
-    space["layout"] = struct.Struct(code).pack
-    exec(f"def pack(t, k, first, {', '.join(names)}):\n    return layout(*first, {', '.join(values)})", space)
-    pack: Callable[..., bytes] = space["pack"]
+    space["layout"] = struct.Struct(code).pack_into
+    exec(f"def pack(b, at, t, k, first, {', '.join(names)}):\n    layout(b, at, *first, {', '.join(values)})", space)
+    pack: Callable[..., None] = space["pack"]
     return pack
+
 
 EVENT_SCHEMA = {
     "title": "spsp_ctrl.Event",

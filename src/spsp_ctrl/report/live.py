@@ -45,6 +45,7 @@ class LiveStatus:
         self._late_max = self._compute_max = self._skipped = 0
         self._mode = -1
         self._event, self._event_s = "", 0.0
+        self._degraded = ""
         self._fixed: Status = {
             "rig": rig.name,
             "scenario": scenario.title or scenario.name,
@@ -57,6 +58,10 @@ class LiveStatus:
             "azimuth_limit_deg": rig.mechanism.azimuth_limit_deg,
             "rate_hz": rig.rate_hz,
         }
+
+    def degraded(self, names: str) -> None:
+        """What of the real-time settings was not granted."""
+        self._degraded = names
 
     def recording(self, counts: Callable[[], tuple[int, int]]) -> None:
         """Show the records handed over and lost that ``counts`` tells."""
@@ -130,6 +135,7 @@ class LiveStatus:
             "compute_p50_us": sorted(self._compute)[len(self._compute) // 2] * 1e-3,
             "compute_max_us": self._compute_max * 1e-3,
             "skipped": self._skipped,
+            "degraded": self._degraded,
             "log_records": records,
             "log_lost": lost,
             "event": self._event,

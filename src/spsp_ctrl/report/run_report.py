@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from spsp_ctrl.report import figures
+from spsp_ctrl.report import figures, timing_text
 from spsp_ctrl.report.data import ARCMIN_PER_RAD, DEG_PER_RAD, RunData, Signals
 from spsp_ctrl.report.page import details, facts, page, section, table, tile
 from spsp_ctrl.report.svg import TimeAxis, legend_html
 from spsp_ctrl.report.text import DASH, PRIME, grouped, number
-from spsp_ctrl.report.timing_figure import render_histogram
 
 MAX_EVENTS = 200
 _EVENT_KEYS = {"stamp_ns", "id", "kind", "text", "level"}
@@ -69,7 +68,7 @@ def write_report(out: Path, data: RunData, summary: Mapping[str, Any]) -> None:
             figures.drives(signals, axis, limits),
             key=key,
         ),
-        section("Loop timing", _timing_lead(summary), _timing(signals, summary)),
+        section("Loop timing", timing_text.lead(summary), timing_text.body(signals, summary)),
         section("Events", "Mode changes, faults and operator requests.", _events(signals, data)),
         section("Record", "What is needed to repeat this run.", _record(data, summary), cls="record"),
     ]
@@ -126,6 +125,8 @@ def _headline(summary: Mapping[str, Any], task: str) -> tuple[str, str]:
     failed = [row for row in rows if not row.get("pass")]
     if ended.startswith("fault"):
         return f"Stopped by a {ended}", "fail"
+    if ended.startswith("stopped"):
+        return ended.capitalize(), "fail"
     if failed:
         count = "1 acceptance row" if len(failed) == 1 else f"{len(failed)} acceptance rows"
         return f"Not accepted: {count} of {len(rows)} failed", "fail"
@@ -255,51 +256,6 @@ def _error_table(summary: Mapping[str, Any]) -> str:
         cells.append([axis, *values])
     head = ["Error after start-up, arcmin", "IMU max", "IMU rms", "true max", "true rms"]
     return "<h3>In figures</h3>" + table(head, cells, numeric=(1, 2, 3, 4))
-
-
-def _timing_lead(summary: Mapping[str, Any]) -> str:
-    skipped = _show(_at(summary, "timing_us", "skipped"))
-    if summary.get("mode") == "lock-step":
-        return "Lock-step: time waits for the loop, so no cycle can be late. Compute time is wall-clock time."
-    return (
-        f"Lateness is the wake-up after the deadline; compute is the cycle without pacing. Skipped cycles: {skipped}."
-    )
-
-
-def _timing(signals: Signals, summary: Mapping[str, Any]) -> str:
-    rate = _number(summary.get("rate_hz"))
-    period_us = 1e6 / rate if rate else None
-    out, cells = [], []
-    for key, title, style in (("lateness", "Lateness", "pitch"), ("compute", "Compute time", "third")):
-        stats = _at(summary, "timing_us", key)
-        stats = stats if isinstance(stats, Mapping) else {}
-        cells.append([title, *(_show(stats.get(k), 1) for k in ("p50", "p99", "p99_9", "max"))])
-        values_us = signals.column("/timing", f"{key}_ns") * 1e-3
-        if len(values_us) and not (key == "lateness" and summary.get("mode") == "lock-step"):
-            out.append(render_histogram(title, values_us, stats, "pitch" if style == "pitch" else "third", period_us))
-    if not out:
-        out.append('<p class="note">No cycle times in this log.</p>')
-    body = "".join(out) + "<h3>In figures</h3>"
-    body += table(["µs", "p50", "p99", "p99.9", "max"], cells, numeric=(1, 2, 3, 4))
-    granted = _flat(summary.get("realtime_granted"))
-    if granted:
-        body += "<h3>What the machine granted</h3>" + facts(granted)
-    return body
-
-
-def _flat(node: Any, prefix: str = "") -> list[tuple[str, str]]:
-    if not isinstance(node, Mapping):
-        return []
-    rows: list[tuple[str, str]] = []
-    for key, value in node.items():
-        name = f"{prefix}{key}".replace("_", " ")
-        if isinstance(value, Mapping):
-            rows += _flat(value, f"{name} · ")
-        elif isinstance(value, bool):
-            rows.append((name, "yes" if value else "no"))
-        else:
-            rows.append((name, DASH if value is None else str(value)))
-    return rows
 
 
 def _events(signals: Signals, data: RunData) -> str:

@@ -254,7 +254,8 @@ def _loop(status: Status, width: int) -> list[Text]:
 
 def _skips(status: Status) -> Text:
     skipped = _float(status.get("skipped"))
-    return Text.assemble(("skipped ", "bold"), (_count(skipped), "bold yellow" if skipped else "default"))
+    degraded = ("degraded ", "bold red") if status.get("degraded") else ""
+    return Text.assemble(degraded, ("skipped ", "bold"), (_count(skipped), "bold yellow" if skipped else "default"))
 
 
 def _log(status: Status, width: int) -> list[Text]:

@@ -50,6 +50,8 @@ class Status(TypedDict, total=False):
     compute_p50_us: float
     compute_max_us: float
     skipped: int
+    degraded: str
+    """What of the real-time settings was not granted, empty for nothing."""
     log_records: int | None
     log_lost: int | None
     event: str

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from spsp_ctrl.report.text import DASH, MINUS, THIN_SPACE, grouped, number
+from spsp_ctrl.runtime.realtime import degraded
 
 
 def print_summary(summary: Mapping[str, Any], console: Console, folder: Path | None = None) -> None:
@@ -24,7 +25,7 @@ def print_summary(summary: Mapping[str, Any], console: Console, folder: Path | N
     terminal = console.is_terminal
     rows = [row for row in summary.get("acceptance") or () if isinstance(row, Mapping)]
     ended = str(summary.get("ended") or "completed")
-    good = not ended.startswith("fault") and all(row.get("pass") for row in rows)
+    good = not ended.startswith(("fault", "stopped")) and all(row.get("pass") for row in rows)
     table = Table(
         box=box.ROUNDED if terminal else None,
         title=_safe(
@@ -78,9 +79,23 @@ def print_summary(summary: Mapping[str, Any], console: Console, folder: Path | N
                 "",
             )
     add("skipped cycles", _count(timing.get("skipped")), "", "", "")
+    buses = _map(summary.get("buses"))
+    if buses:
+        frames = f"{_count(buses.get('received'))} in, {_count(buses.get('sent'))} out"
+        add("frames and pieces of bytes", frames, "", "", "")
+        answers = f"{_count(buses.get('statuses_late'))}, {_count(buses.get('statuses_lost'))} of {_count(buses.get('statuses_expected'))}"
+        add("drive answers late, lost", answers, "", "", "")
+        share = buses.get("io_share_of_period")
+        percent = f" ({_show(100.0 * share, 1)} %)" if isinstance(share, int | float) else ""
+        add("read and write per cycle", _show(buses.get("io_us_mean"), 0) + percent, "", "µs", "")
     log = _map(summary.get("log"))
     add("log records, lost", f"{_count(log.get('records'))}, {_count(log.get('lost'))}", "", "", "")
+    refused = degraded(summary.get("realtime_granted"))
+    if refused:
+        add("real time", _safe(Text("degraded", "bold red"), console), "", "", "")
     console.print(table)
+    for name, why in refused:
+        console.print(_safe(Text(f"degraded: {name.replace('_', ' ')} {why}", "red"), console))
     settle = summary.get("settle_s")
     if isinstance(settle, int | float) and settle > 0:
         console.print(Text(f"Errors from {settle:g} s on, after the start-up.", "bright_black"))

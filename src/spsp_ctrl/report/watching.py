@@ -29,6 +29,9 @@ class _ScreenWatcher(Watcher):
     def event(self, text: str, t_s: float) -> None:
         self._live.event(text, t_s)
 
+    def degraded(self, names: str) -> None:
+        self._live.degraded(names)
+
     def recording(self, counts: Callable[[], tuple[int, int]]) -> None:
         self._live.recording(counts)
 

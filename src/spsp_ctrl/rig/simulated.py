@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from math import isfinite
+from math import isfinite, pi
 
 import numpy as np
 
-from spsp_ctrl.config.rig import RigConfig
+from spsp_ctrl.config.devices import Wire
+from spsp_ctrl.config.rig import RigConfig, SimulatedDriver
 from spsp_ctrl.config.scenario import Scenario
+from spsp_ctrl.devices.scaling import TEMPERATURE_STEP_C, amperes, counts_s, permille, pulses_s, rad_s, singles, sixteenths
 from spsp_ctrl.messages import (
     NO_IMU,
     NO_TEMPERATURE,
@@ -30,12 +32,34 @@ from spsp_ctrl.plant.virtual import VirtualPlant
 from spsp_ctrl.rig.base import RigError, RigIdentity
 
 TEMPERATURE_HZ = 10
-TEMPERATURE_STEP_C = 0.0625
-"""Digital temperature sensor of 12 bit."""
 _ENCODERS = slice(O.encoder_pitch, O.encoder_yaw + 1)
 _COMMAND_ROW = struct.Struct(f"{N_COMMAND}d")
 _IDLE = (0.0,) * N_COMMAND
 _new = tuple.__new__
+
+
+class OnWire:
+    """What a bus would round, see ``devices.scaling``."""
+
+    def __init__(self, config: RigConfig, wire: Wire) -> None:
+        self._rated_a = wire.rated_current_a
+        self._per_turn = [1 << actuator.resolver_bits for actuator in (config.pitch_actuator, config.roll_actuator)]
+        a = config.azimuth
+        self._microsteps_per_rad = a.gear_ratio * a.full_steps_per_turn * a.microsteps / (2.0 * pi)
+
+    def reported(self, current_a: float) -> float:
+        """Measured current."""
+        return amperes(permille(current_a, self._rated_a), self._rated_a)
+
+    def sent(self, pitch_a: float, pitch_rad_s: float, roll_a: float, roll_rad_s: float, azimuth_rad_s: float) -> tuple[float, ...]:
+        """Commands."""
+        return (
+            self.reported(pitch_a),
+            rad_s(counts_s(pitch_rad_s, self._per_turn[0]), self._per_turn[0]),
+            self.reported(roll_a),
+            rad_s(counts_s(roll_rad_s, self._per_turn[1]), self._per_turn[1]),
+            pulses_s(azimuth_rad_s, self._microsteps_per_rad) / self._microsteps_per_rad,
+        )
 
 
 class SimulatedRig:
@@ -56,6 +80,8 @@ class SimulatedRig:
         self._temperature_error_c = scenario.temperature.sensor_error_c
         self._dropouts = tuple(span for d in scenario.dropouts for span in d.spans_s)
         self._velocity_modes = (config.pitch_actuator.mode == "velocity", config.roll_actuator.mode == "velocity")
+        wire = config.rig.wire if isinstance(config.rig, SimulatedDriver) else None
+        self._on_wire = None if wire is None else OnWire(config, wire)
         self._active = np.zeros(N_COMMAND)
         self._active_memory = self._active.data
         self._enabled = False
@@ -101,6 +127,10 @@ class SimulatedRig:
         if enable and self._plant.cycle % self._azimuth_every:
             azimuth_rate = self._pending[C.azimuth_rate]
         pitch_velocity, roll_velocity = self._velocity_modes
+        if self._on_wire is not None:
+            pitch_current, pitch_speed, roll_current, roll_speed, azimuth_rate = self._on_wire.sent(
+                pitch_current, pitch_speed, roll_current, roll_speed, azimuth_rate
+            )
         # in the order of layout.COMMAND
         self._pending = (
             enable,
@@ -132,6 +162,8 @@ class SimulatedRig:
         now = cycle * self._period_ns
         if cycle % self._plant.imu_every == 0 and not any(a <= now * 1e-9 < b for a, b in self._dropouts):
             roll, pitch, yaw, gx, gy, gz = out[O.imu_roll : O.gyro_z + 1]
+            if self._on_wire is not None:
+                roll, pitch, yaw, gx, gy, gz = singles((roll, pitch, yaw, gx, gy, gz))
             self._in_flight.append(
                 ImuSample(
                     now, now + self._imu_delay_ns, cycle // self._plant.imu_every, True, roll, pitch, yaw, gx, gy, gz
@@ -142,17 +174,18 @@ class SimulatedRig:
         if cycle % self._azimuth_every == 0:
             self._azimuth = self._azimuth_sample(cycle)
         if cycle % self._temperature_every == 0:
-            step = TEMPERATURE_STEP_C
             screw_p, screw_r = out[O.screw_pitch_c : O.screw_roll_c + 1]
             column, frame = out[O.column_c : O.frame_c + 1]
             self._temperature = TemperatureSample(
                 now,
                 cycle // self._temperature_every,
-                *(step * round((t + self._temperature_error_c) / step) for t in (screw_p, screw_r, column, frame)),
+                *(TEMPERATURE_STEP_C * sixteenths(t + self._temperature_error_c) for t in (screw_p, screw_r, column, frame)),
             )
 
     def _azimuth_sample(self, cycle: int) -> AzimuthSample:
         steps, rate, left, right, home = self._out[O.microsteps : O.home_switch + 1]
+        if self._on_wire is not None:
+            rate = float(round(rate))
         return AzimuthSample(
             cycle * self._period_ns,
             cycle // self._azimuth_every,
@@ -167,6 +200,8 @@ class SimulatedRig:
     def _measure(self, now_ns: int) -> Measurement:
         counts1, counts2, current1, current2, bus1, bus2 = self._out[N_TRUTH : N_TRUTH + 6]
         cycle, enabled = self._plant.cycle, self._enabled
+        if self._on_wire is not None:
+            current1, current2 = self._on_wire.reported(current1), self._on_wire.reported(current2)
         return _new(
             Measurement,
             (

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 import traceback
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import degrees
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from spsp_ctrl.control.watch import Reason
 from spsp_ctrl.messages import Command, Control, Measurement, Mode, OperatorRequest, Timing, Truth
@@ -20,6 +21,7 @@ from spsp_ctrl.safety.steps import Means
 
 OPERATOR_HZ = 50
 STATUS_HZ = 5
+READY = int(Mode.READY)
 _EXCEPTION = BY_ID["exception"]
 _new = tuple.__new__
 
@@ -70,12 +72,25 @@ class LoopResult:
     """How a loop ended."""
 
     ended: str
-    """``completed``, ``interrupted`` or ``fault: ID``."""
+    """``completed``, ``interrupted``, ``fault: ID``, ``stopped: deadline missed`` or ``stopped: no log``."""
     cycles: int = 0
     last_ns: int = 0
     skipped: int = 0
-    skipped_stamps_ns: list[int] = field(default_factory=list)
+    skipped_stamps_ns: array[int] = field(default_factory=lambda: array("q"))
     events: list[dict[str, object]] = field(default_factory=list)
+    """All but the skips, of which a long run on a busy machine has many."""
+
+
+class Policy(NamedTuple):
+    """What ends a run under control, beside its duration, the operator and the faults."""
+
+    stop_on_miss: bool = False
+    """A cycle could not begin within its period."""
+    stop_on_log_failure: bool = False
+    """The log cannot be written any more."""
+
+
+GO_ON = Policy()
 
 
 class Interrupts:
@@ -100,9 +115,13 @@ def run_loop(
     status: StatusSink | None = None,
     interrupts: Interrupts | None = None,
     rate_hz: int = 1000,
+    *,
+    policy: Policy = GO_ON,
+    log_problem: Callable[[], str] | None = None,
 ) -> LoopResult:
     """Run until ``duration_ns`` of control time has passed, then stop under control. Every exception ends in ``rig.stop()``.
 
+    ``log_problem`` is asked now and then what is wrong with the log (empty: nothing).
     After the duration (or an interrupt) the platform is braked and disabled before the loop returns.
     """
     period_ns = round(1e9 / rate_hz)
@@ -115,11 +134,14 @@ def run_loop(
     step_alarms = 0
     last_ns = -period_ns
     ending = ""
+    log_failed = False
     now = time.perf_counter_ns
     record_ns = 0
+    line_notes = getattr(rig, "notes", None)
 
     def event(level: str, id: str, text: str, stamp_ns: int) -> None:
-        result.events.append({"stamp_ns": stamp_ns, "level": level, "id": id, "text": text})
+        if id != "skip":
+            result.events.append({"stamp_ns": stamp_ns, "level": level, "id": id, "text": text})
         recorder.event(stamp_ns, level, id, text)
 
     try:
@@ -139,6 +161,10 @@ def run_loop(
                     ending = "interrupted"
                 elif now_ns >= duration_ns:
                     ending = "completed"
+                elif skipped and policy.stop_on_miss and mode >= READY:
+                    ending = "stopped: deadline missed"
+                elif log_failed and policy.stop_on_log_failure:
+                    ending = "stopped: no log"
                 if ending:
                     requests = (*requests, OperatorRequest(now_ns, "stop", 0.0, ending))
             for request in requests:
@@ -151,10 +177,19 @@ def run_loop(
                 control = control._replace(command=sent)
             after_write = now()
 
+            if line_notes is not None:
+                for level, id, text in line_notes():
+                    event(level, id, text, now_ns)
             if skipped:
                 result.skipped += skipped
                 result.skipped_stamps_ns.append(now_ns)
                 event("warning", "skip", f"{skipped} cycle(s) skipped", now_ns)
+            if log_problem is not None and not log_failed and cycle % operator_every == 0:
+                problem = log_problem()
+                if problem:
+                    log_failed = True
+                    then = "the platform is stopped" if policy.stop_on_log_failure else "control goes on without it"
+                    event("error", "log-failed", f"the log is not complete: {problem}; {then}", now_ns)
             if control.law_step != law_step:
                 law_step = control.law_step
                 why = Reason(control.law_reason).name.lower()

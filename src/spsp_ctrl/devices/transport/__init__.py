@@ -1,0 +1,1 @@
+"""Frames and bytes in and out: one small interface for buses inside this process, between processes and on wires."""
