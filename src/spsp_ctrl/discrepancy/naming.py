@@ -33,8 +33,8 @@ training must give this evidence."""
 CLEAR = 5.0
 """The same for a name that leaves so much that what is left foretells itself as well as before."""
 TWIN_EVIDENCE, TWIN_COSINE = 6.0, 0.95
-BEST, MORE, HOPELESS = 5, 10, 1000.0
-"""So many are refitted (more where the numbers of the model are free), and what leads a channel, unless its start makes all much worse."""
+BEST, MORE, LEAST = 5, 10, 3
+"""So many are refitted (more where the numbers of the model are free), and what leads a channel; what makes its start worse only among the first."""
 MOST = 8
 """Names at the most."""
 SAME_SIZE = 0.06
@@ -149,13 +149,13 @@ class Search:
         nominal = {v.name: v for v in self.nominal(p) if v.name not in chosen}
         return (*nominal.values(), *chosen.values())
 
-    def refit(self, state: State, candidate: Candidate, start: Array, steps: int = 4) -> Fitted:
+    def refit(self, state: State, candidate: Candidate, start: Array, steps: int = 4, again: bool = True) -> Fitted:
         """Nominal, named and candidate together."""
         own = {v.name for v in candidate.variables}
         keep = [k for k, v in enumerate(state.fitted.variables) if v.name not in own]
         known = [state.fitted.variables[k] for k in keep], {c: j[:, keep] for c, j in state.fitted.jacobian.items()}
         fitted = fit(self.train, start, self.variables(start, state.named, candidate), steps=steps, known=known)
-        if self.gain(state.fitted.residuals, fitted.residuals) > EVIDENCE:
+        if again and self.gain(state.fitted.residuals, fitted.residuals) > EVIDENCE:
             # whitened anew: what is left is of another colour than where the fit began
             fitted = fit(self.train, fitted.p, fitted.variables, steps=2, known=known)
         return fitted
@@ -197,14 +197,20 @@ class Search:
         screened = screen(self.train, state.fitted, candidates)
         self.trace.append((f"after {len(state.named)}", [(s.candidate.name, s.gain) for s in screened]))
         base = state.fitted.residuals
-        tried = []
+        refits: list[tuple[float, Candidate, Fitted]] = []
         for rank, (gain, candidate, start, leads) in enumerate(screened):
-            if (rank >= (BEST if self.calibrated else MORE) and not leads) or (gain < -HOPELESS and rank > 2):
+            if (rank >= (BEST if self.calibrated else MORE) and not leads) or (gain < 0.0 and rank >= LEAST):
                 continue
             self.tick(f"refit {candidate.name}")
-            fitted = self.refit(state, candidate, start)
+            fitted = self.refit(state, candidate, start, again=False)
+            refits.append((self.gain(base, fitted.residuals) - self.price(base, len(candidate.variables)), candidate, fitted))
+        refits.sort(key=lambda r: -r[0])
+        tried = []
+        for rank, (evidence, candidate, fitted) in enumerate(refits):
+            if rank < LEAST and evidence > EVIDENCE:
+                fitted = self.refit(state, candidate, fitted.p)
+                evidence = self.gain(base, fitted.residuals) - self.price(base, len(candidate.variables))
             held = self.held.residuals(fitted.p)
-            evidence = self.gain(base, fitted.residuals) - self.price(base, len(candidate.variables))
             tried.append(
                 Trial(evidence, candidate, fitted, held, *self.accepts(len(state.named), evidence, base, fitted.residuals, state.held, held))
             )
