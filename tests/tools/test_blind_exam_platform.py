@@ -1,4 +1,4 @@
-"""The blind exam of the whole rig: same seed same case, a mechanism of its own that agrees with the equations of the paper, points on hand-made answers."""
+"""The blind exam of the whole rig: same seed same case, a mechanism of its own that agrees with the paper, points on hand-made answers."""
 
 from __future__ import annotations
 
