@@ -6,13 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from tests.discrepancy.benches import MODEL, samples_of, write
 
 from spsp_ctrl.discrepancy.baseline import baselines, difference_floor, same_motion
 from spsp_ctrl.discrepancy.records import load_record
 from spsp_ctrl.discrepancy.replica import replica
 from spsp_ctrl.discrepancy.whitening import robust_rms
 from spsp_ctrl.plant.axis_model import load_axis_model
-from tests.discrepancy.benches import MODEL, samples_of, write
 
 
 def test_what_the_model_lacks_anyway_cancels_on_the_same_motion(tmp_path: Path) -> None:

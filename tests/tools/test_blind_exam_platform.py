@@ -55,7 +55,7 @@ def test_an_effect_of_one_leg_leaves_the_other_alone() -> None:
 
 
 def _said(name: str, where: str, verdict: str = "explained", **values: float) -> dict[str, object]:
-    effect = {"name": name, "where": where, "class": [{"name": name, "weight": 1.0}]}
+    effect: dict[str, object] = {"name": name, "where": where, "class": [{"name": name, "weight": 1.0}]}
     effect["parameters"] = {k: {"value": v, "unit": "m", "sigma": None} for k, v in values.items()}
     return {"verdict": verdict, "effects": [effect], "unexplained": [], "gap": {}}
 
