@@ -177,3 +177,6 @@ def test_what_is_written_is_read_back_number_by_number(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump(platform_document(model, writable(p), {A.mf_coulomb_nm: 1e-4}, "test"), sort_keys=False), encoding="utf-8")
     assert np.allclose(load_model(path).parameters(), writable(p), rtol=1e-12, atol=0.0)
     assert MODEL.read_text(encoding="utf-8") == before
+    (tmp_path / "run").mkdir()
+    plan = Plan(load_rig(RIG).model, scenario(duration_s=1.2), path, 5, False)
+    assert session.run_session(plan, session.prepare(plan), tmp_path / "run").loop.ended == "completed"
