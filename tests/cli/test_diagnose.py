@@ -59,11 +59,11 @@ def test_wrong_input_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
     assert {p.name for p in tmp_path.iterdir()} == {"a.mcap", "full"}
 
 
-def test_platform_naming_says_that_it_is_not_built(tmp_path: Path) -> None:
+def test_the_log_of_an_axis_is_refused_for_the_model_of_a_platform(tmp_path: Path) -> None:
     log = _log(tmp_path / "a.mcap")
     done = CliRunner().invoke(cli, ["diagnose", str(log), "--model", str(ROOT / "config" / "model.yaml"), "--out", str(tmp_path / "out")])
     assert done.exit_code == 4
-    assert "not built yet" in done.output
+    assert "it is not the log of a rig" in done.output
     assert not (tmp_path / "out").exists()
 
 

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from spsp_ctrl.cli.common import EXIT_DATA, EXIT_USER, JSON, bar, guarded
+
+if TYPE_CHECKING:
+    from spsp_ctrl.discrepancy.result import Diagnosis
 
 FILE = click.Path(path_type=Path)
 
 
 @click.command(epilog="Example: spsp-ctrl diagnose train.mcap --model config/axis.yaml --held-out other.mcap --out diagnosis")
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
-@click.option("--model", "-m", required=True, type=click.Path(path_type=Path), help="Model file of the axis, e.g. config/axis.yaml. Never changed.")
+@click.option("--model", "-m", required=True, type=click.Path(path_type=Path), help="Model file, e.g. config/model.yaml. Never changed.")
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), metavar="DIR", help="New folder for the results.")
 @click.option(
     "--commissioning",
@@ -32,7 +38,7 @@ FILE = click.Path(path_type=Path)
 )
 @click.option("--stage", type=click.Choice(["find", "name", "add", "show"]), default="show", help="Last stage to run (default show, all of them).")
 @click.option("--seed", type=click.IntRange(0), default=1, help="Seed of the bootstrap (default 1). Same seed, same answer.")
-@click.option("--jobs", type=click.IntRange(1), default=1, help="Threads (default 1); the answer does not depend on it.")
+@click.option("--jobs", type=click.IntRange(1), default=2, help="Cores to use (default 2); the answer does not depend on it.")
 @JSON
 @guarded
 def diagnose(
@@ -65,15 +71,24 @@ def diagnose(
     if problem := check_out(out):
         click.echo(problem, err=True)
         raise SystemExit(EXIT_USER)
-    if _kind(model) == "platform":
-        click.echo(f"{model}: is the model of a platform; naming on a platform is not built yet, give the model of a single axis", err=True)
-        raise SystemExit(EXIT_DATA)
-    axis = load_axis_model(model)
     given = [*logs, *commissioning, *held_out]
     if len({p.resolve() for p in given}) < len(given):
         click.echo("a log is given twice: training, commissioning and held-out data must be different logs", err=True)
         raise SystemExit(EXIT_USER)
-    sets = [tuple(load_record(path)[0] for path in group) for group in (logs, commissioning, held_out)]
+    groups = (logs, commissioning, held_out)
+    diagnosed: Callable[[Path, Callable[[str], None]], Diagnosis]
+    if _kind(model) == "platform":
+        from spsp_ctrl.discrepancy.platform_pipeline import PlatformTask, diagnose_platform
+        from spsp_ctrl.discrepancy.platform_records import load_platform
+        from spsp_ctrl.plant.model import load_model
+
+        rig = load_model(model)
+        runs = [tuple(load_platform(path) for path in group) for group in groups]
+        diagnosed = partial(diagnose_platform, PlatformTask(rig, runs[0], runs[1], runs[2], seed, stage, jobs))
+    else:
+        axis = load_axis_model(model)
+        sets = [tuple(load_record(path)[0] for path in group) for group in groups]
+        diagnosed = partial(run, Task(axis, sets[0], sets[1], sets[2], seed, stage, jobs))
     with scratch(out) as folder, bar("diagnose", as_json) as advance:
         done = 0
 
@@ -82,7 +97,7 @@ def diagnose(
             done += 1
             advance(done, max(40, done + 5))
 
-        answer = run(Task(axis, sets[0], sets[1], sets[2], seed, stage, jobs), folder / "model.yaml", tick)
+        answer = diagnosed(folder / "model.yaml", tick)
         answer.seconds = time.monotonic() - start
         (folder / "diagnosis.json").write_text(json.dumps(answer.to_dict(), indent=2) + "\n", encoding="utf-8")
         if answer.plan is not None and answer.next_experiment:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from spsp_ctrl.discrepancy.fitting import Bench, Split
-from spsp_ctrl.discrepancy.masks import regimes
+from spsp_ctrl.discrepancy.masks import Mask, regimes
 from spsp_ctrl.discrepancy.replica import UNITS
 from spsp_ctrl.discrepancy.statistics import blocks, bootstrap, correlation_length, holm, rms
 
@@ -34,7 +36,21 @@ class Found:
     """That share over the share of time."""
 
 
-def find(bench: Bench, residuals: Split, seed: int) -> list[Found]:
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """What the finding of regimes must know about a kind of machine."""
+
+    regimes: Callable[[Any, str], dict[str, Mask]]
+    """Regimes of a replica for a channel."""
+    stages: Callable[[str], str]
+    where: Callable[[str], str]
+    units: Mapping[str, str]
+
+
+AXIS = Machine(lambda one, channel: regimes(one), lambda channel: STAGES[channel], lambda channel: "axis", UNITS)
+
+
+def find(bench: Bench, residuals: Split, seed: int, machine: Machine = AXIS) -> list[Found]:
     """Regimes of a bench whose mean square exceeds the squared floor; p-values by block bootstrap, Holm over everything."""
     rng = np.random.default_rng([seed, 5])
     raw: list[tuple[str, str, float, float, float, float]] = []
@@ -45,7 +61,7 @@ def find(bench: Bench, residuals: Split, seed: int) -> list[Found]:
         masks: dict[str, list[np.ndarray]] = {}
         for one, use in zip(bench.replicas, bench.use, strict=True):
             rows = one.rows(channel)[use[channel]]
-            for name, mask in regimes(one).items():
+            for name, mask in machine.regimes(one, channel).items():
                 masks.setdefault(name, []).append(mask[rows])
         total = float(np.sum(values**2))
         for name, pieces in [("everywhere", [np.ones(len(values), bool)]), *masks.items()]:
@@ -68,5 +84,5 @@ def find(bench: Bench, residuals: Split, seed: int) -> list[Found]:
     for (channel, name, size, _, share, enrichment), p in zip(raw, adjusted, strict=True):
         floor = bench.floor.get(channel, 0.0)
         if p < FAMILY and size > 1.05 * floor and (name == "everywhere" or enrichment > 1.3):
-            found.append(Found(channel, STAGES[channel], "imu" if channel == "imu" else "axis", name, size, UNITS[channel], p, share, enrichment))
+            found.append(Found(channel, machine.stages(channel), machine.where(channel), name, size, machine.units[channel], p, share, enrichment))
     return sorted(found, key=lambda f: (f.regime != "everywhere", -(f.size / max(bench.floor.get(f.channel, 0.0), 1e-15))))

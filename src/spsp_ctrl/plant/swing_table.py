@@ -8,6 +8,7 @@ independent for pitch and roll: flat over its band, with the stated rms.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import pi, radians, sqrt
 from typing import NamedTuple
 
@@ -56,9 +57,7 @@ class SwingTable:
         self._roll = _joined(_waves(motion.roll, motion.roughness, roll_seed), motion.sea.roll, roll_sea)
         self._yaw = _waves(motion.yaw, None, None)
         self._yaw_rate_rad_s = radians(motion.yaw_rate_deg_s)
-        # roll turns about -x: the sign comes from frames
-        roll, pitch = (X, imu_roll_from_roll(1.0), 1), (Y, 1.0, 0)
-        self._inner = (roll, pitch) if motion.axis_order == "roll_pitch" else (pitch, roll)
+        self._inner = order_of(motion.axis_order)
         self._chunks: dict[int, tuple[Array, Array]] = {}
 
     def block(self, first_cycle: int, n: int) -> Array:
@@ -105,26 +104,39 @@ class SwingTable:
             turned = integral + np.maximum(after - ramp_s, 0.0)
             yaw = yaw + self._yaw_rate_rad_s * np.stack((turned, value, rate))
 
-        # Component-first: five row vectors that every rotation takes along. The first three are the rows of R, the
-        # others omega and alpha.
-        v = np.zeros((3, 5, len(t)))
-        v[X, 0] = v[Y, 1] = v[Z, 2] = 1.0
         tilt = (pitch, roll)
-        _rotate(v, Z, yaw)
-        for axis, sign, which in self._inner:
-            _rotate(v, axis, sign * tilt[which])
-
-        wx, wy, wz = v[:, 3]
-        ax, ay, _ = v[:, 4]
-        h = self._arm_m
-        rows = np.empty((len(t), N_ROW))
-        for i in range(5):
-            rows[:, 3 * i : 3 * i + 3] = v[:, i].T
-        # alpha x r + omega x (omega x r) with r = (0, 0, h); gravity reaction along the vertical, the last row of R
-        rows[:, 15] = h * (ay + wx * wz) + GRAVITY_M_S2 * v[X, 2]
-        rows[:, 16] = h * (wy * wz - ax) + GRAVITY_M_S2 * v[Y, 2]
-        rows[:, 17] = -h * (wx * wx + wy * wy) + GRAVITY_M_S2 * v[Z, 2]
+        rows = composed(yaw, [(axis, sign, tilt[which]) for axis, sign, which in self._inner], self._arm_m)
         return rows, np.stack((pitch[0], roll[0], yaw[0]), axis=1)
+
+
+def order_of(axis_order: str) -> tuple[tuple[int, float, int], tuple[int, float, int]]:
+    """Axis, sign and angle (0 pitch, 1 roll) of the two tilting frames, the outer one first."""
+    # roll turns about -x: the sign comes from frames
+    roll, pitch = (X, imu_roll_from_roll(1.0), 1), (Y, 1.0, 0)
+    return (roll, pitch) if axis_order == "roll_pitch" else (pitch, roll)
+
+
+def composed(yaw: Array, tilts: Sequence[tuple[int, float, Array]], arm_m: float) -> Array:
+    """Rows of ``SwingTable.block`` from angle, rate and acceleration (3, n) of yaw and of the tilting frames (axis, sign, motion)."""
+    # Component-first: five row vectors that every rotation takes along. The first three are the rows of R, the
+    # others omega and alpha.
+    n = yaw.shape[1]
+    v = np.zeros((3, 5, n))
+    v[X, 0] = v[Y, 1] = v[Z, 2] = 1.0
+    _rotate(v, Z, yaw)
+    for axis, sign, motion in tilts:
+        _rotate(v, axis, sign * motion)
+    wx, wy, wz = v[:, 3]
+    ax, ay, _ = v[:, 4]
+    h = arm_m
+    rows = np.empty((n, N_ROW))
+    for i in range(5):
+        rows[:, 3 * i : 3 * i + 3] = v[:, i].T
+    # alpha x r + omega x (omega x r) with r = (0, 0, h); gravity reaction along the vertical, the last row of R
+    rows[:, 15] = h * (ay + wx * wz) + GRAVITY_M_S2 * v[X, 2]
+    rows[:, 16] = h * (wy * wz - ax) + GRAVITY_M_S2 * v[Y, 2]
+    rows[:, 17] = -h * (wx * wx + wy * wy) + GRAVITY_M_S2 * v[Z, 2]
+    return rows
 
 
 def _waves(sines: tuple[Sine, ...], roughness: Roughness | None, seed: np.random.SeedSequence | None) -> _Waves:

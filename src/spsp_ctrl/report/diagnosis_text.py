@@ -60,7 +60,8 @@ def story(answer: Diagnosis) -> Iterator[str]:
         numbers = ", ".join(quantity(v) if len(sizes) == 1 else f"{plain(n)} {quantity(v)}" for n, v in sizes)
         more = f" It cannot be told from {listed([plain(n) for n, _ in e.members if n != e.name])} on these logs." if len(e.members) > 1 else ""
         lead = "What is missing" if k == 0 else "Then"
-        yield f"{lead}: {plain(e.name)} ({numbers}), in the {e.stage}.{more}"
+        place = "" if e.where == "axis" else f" of {e.where}"
+        yield f"{lead}: {plain(e.name)}{place} ({numbers}), in the {e.stage}.{more}"
     closed = [f"{_share(g)} of the gap in {c}" for c, g in opened if answer.effects]
     if closed:
         yield f"With the new model file {listed(closed)} is gone."

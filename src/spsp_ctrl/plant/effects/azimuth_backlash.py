@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spsp_ctrl.plant.effects.base import Effect, Parameter
+from spsp_ctrl.plant.effects.base import Effect, Free, Hypothesis, Parameter
 
 EFFECT = Effect(
     name="azimuth_backlash",
@@ -11,4 +11,14 @@ EFFECT = Effect(
     parameters=(Parameter("az_gap_rad", "rad", 0.0, 0.1, "total play at the platform"),),
     per_axis=False,
     kind="platform",
+    hypotheses=(
+        Hypothesis(
+            name="azimuth_backlash",
+            free=(Free("az_gap_rad", 0.0, 0.02, (2e-4, 1e-3)),),
+            channels=("imu",),
+            regimes=("reversal",),
+            twins=("azimuth_friction",),
+            source="play between two flanks",
+        ),
+    ),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spsp_ctrl.plant.effects.base import Effect, Parameter
+from spsp_ctrl.plant.effects.base import Effect, Free, Hypothesis, Parameter
 
 EFFECT = Effect(
     name="azimuth_friction",
@@ -19,4 +19,15 @@ EFFECT = Effect(
     ),
     per_axis=False,
     kind="platform",
+    hypotheses=(
+        Hypothesis(
+            name="azimuth_friction",
+            free=(Free("az_coulomb_nm", 0.0, 30.0, (0.5, 2.0)), Free("az_viscous_nm_s", 0.0, 100.0, (1.0,))),
+            channels=("imu",),
+            regimes=("direction", "speed"),
+            twins=("azimuth_backlash",),
+            along=(("az_bristle_nm_rad", 4000.0), ("az_bristle_damping_nm_s", 10.0)),
+            source="Coulomb and viscous; what the stepper and its gear give way to it shows in the heading",
+        ),
+    ),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spsp_ctrl.plant.effects.base import Effect, Parameter
+from spsp_ctrl.plant.effects.base import Effect, Free, Hypothesis, Parameter
 
 EFFECT = Effect(
     name="hinge_friction",
@@ -18,4 +18,15 @@ EFFECT = Effect(
         Parameter("hf_viscous_nm_s", "N m s/rad", 0.0, 1e3, "viscous coefficient"),
     ),
     kind="platform",
+    hypotheses=(
+        Hypothesis(
+            name="hinge_friction",
+            free=(Free("hf_coulomb_nm", 0.0, 30.0, (0.3, 1.0)), Free("hf_viscous_nm_s", 0.0, 50.0, (1.0,))),
+            channels=("current", "resolver", "imu"),
+            regimes=("direction", "reversal", "speed"),
+            twins=("coulomb_friction", "viscous_friction"),
+            along=(("hf_bristle_nm_rad", 9000.0), ("hf_bristle_damping_nm_s", 4.0)),
+            source="LuGre at the joint: it also winds up screw and gap, which friction of the motor does not",
+        ),
+    ),
 )

@@ -43,6 +43,20 @@ BIAS = Effect(
             twins=("zero_offset", "imu_misalignment"),
             source="constant bias: IEEE Std 952",
         ),
+        Hypothesis(
+            name="gyro_bias",
+            free=tuple(Free(f"gyro_bias_{c}_rad_s", -0.02, 0.02, (-1e-4, 1e-4)) for c in "xyz"),
+            channels=("gyro",),
+            regimes=("always",),
+            source="constant bias: IEEE Std 952",
+        ),
+        Hypothesis(
+            name="heading_bias",
+            free=(Free("imu_yaw_bias_rad", -0.5, 0.5, (-1e-3, 1e-3)),),
+            channels=("imu",),
+            regimes=("always",),
+            source="constant bias of a heading reference",
+        ),
     ),
 )
 

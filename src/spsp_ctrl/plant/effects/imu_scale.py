@@ -24,5 +24,12 @@ EFFECT = Effect(
             twins=("lead_error", "geometric_error"),
             source="scale factor error: IEEE Std 952",
         ),
+        Hypothesis(
+            name="gyro_scale",
+            free=(Free("gyro_scale", -0.05, 0.05, (-2e-3, 2e-3)),),
+            channels=("gyro",),
+            regimes=("speed",),
+            source="scale factor error: IEEE Std 952",
+        ),
     ),
 )
