@@ -63,7 +63,7 @@ def check(config: Path, overrides: tuple[str, ...], runs: Path, as_json: bool) -
 @OVERRIDE
 @click.option("--interface", help="Without a rig file: a python-can interface, e.g. socketcan.")
 @click.option("--channel", default="can0", show_default=True, help="Its channel.")
-@click.option("--bitrate", default=1_000_000, show_default=True, type=click.IntRange(10_000, 1_000_000))
+@click.option("--bitrate", default=1_000_000, show_default=True, type=click.IntRange(10_000, 1_000_000), help="Bit/s of that bus.")
 @click.option("--serial", "port", help="Without a rig file: a serial port (PORT or PORT@BAUD), asked as MIP and as TMCL.")
 @JSON
 @guarded
