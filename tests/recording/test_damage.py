@@ -224,9 +224,10 @@ def test_a_dead_writer_does_not_disturb_the_run_and_the_loss_is_counted(
     figures: dict[str, Any] = json.loads((tmp_path / "run" / "summary.json").read_text())["log"]
     data = read_log(tmp_path / "run" / "run.mcap")
     kept = sum(map(len, data.topics.values())) + len(data.events) + len(data.operator)
-    handed = 4 * result.loop.cycles + len(result.loop.events) + len(result.loop.skipped_stamps_ns) + 1 + len(data.operator)
+    handed = 4 * result.loop.cycles + len(result.loop.events) + len(result.loop.skipped_stamps_ns) + 1
     assert figures["records"] == kept
-    assert figures["lost"] == handed - kept > 1000
+    assert figures["lost"] - (handed - kept) in (0, 1), "and the request to arm, where there was one"
+    assert figures["lost"] > 1000
     assert "writer" in figures["problem"]
 
 
