@@ -71,6 +71,7 @@ def test_constants_from_the_rig_file() -> None:
     assert p.coast == 5
     assert p.per_ns == pytest.approx(1e-6)
     assert p.rad_per_count == pytest.approx(COUNT)
+    assert p.reach_counts_cycle2 == pytest.approx(1.9 * 0.05 * 6.0 / 2e-5 / COUNT * 1e-6)
     assert p.jump_counts_cycle2 == pytest.approx(3.0 * 0.05 * 6.0 / 2e-5 / COUNT * 1e-6)
     assert p.jump_counts == 20.0
     assert p.noise_counts2 == 625.0
@@ -251,20 +252,21 @@ def test_following_error_grows_with_speed() -> None:
 
 
 def test_noise_that_no_acceleration_explains() -> None:
-    for size, named in ((20.0, False), (30.0, True)):
+    reach = limits().reach_counts_cycle2
+    for size, named in ((54.0, False), (58.0, True)):
         line = Line()
 
         def shaken(r: ResolverSample, size: float = size) -> ResolverSample:
             return r._replace(counts=r.counts + round((size / 2.0) * (-1.0) ** r.seq))
 
         cycles = line.until(400, lambda line=line, shaken=shaken: line.step(told=ON, resolver=shaken))
-        # the second difference of an alternation of +-a is 4 a
-        assert (cycles > 0) == (2.0 * size > 25.0), (size, named)
+        # its step of 2 a is also the motion, of which a quarter is left to the stamp; the second difference of an alternation of +-a is 4 a
+        assert (cycles > 0) == named == (1.75 * size - reach > 25.0), size
     steps = Line()
-    noisy = steps.until(400, lambda: steps.step(told=ON, resolver=lambda r: r._replace(counts=r.counts + (14 if r.seq % 2 else 0))))
+    noisy = steps.until(400, lambda: steps.step(told=ON, resolver=lambda r: r._replace(counts=r.counts + (58 if r.seq % 2 else 0))))
     assert 40 < noisy < 150
     quiet = Line()
-    assert quiet.until(400, lambda: quiet.step(told=ON, resolver=lambda r: r._replace(counts=r.counts + (12 if r.seq % 2 else 0)))) == -1
+    assert quiet.until(400, lambda: quiet.step(told=ON, resolver=lambda r: r._replace(counts=r.counts + (54 if r.seq % 2 else 0)))) == -1
 
 
 def test_density_of_missing_frames() -> None:

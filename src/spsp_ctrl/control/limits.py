@@ -30,13 +30,14 @@ def limit_rate(
     elif rate < before - step:
         rate, bits = before - step, bits | ACCELERATION
     if rate > 0.0:
-        room = high - position
-        # one cycle of travel is lost before braking starts
+        # until this demand acts the axis goes on with the one before
+        room = high - position - (before * dt if before > 0.0 else 0.0)
         allowed = _braking_rate(room, top_accel, dt)
         if rate > allowed:
             rate, bits = allowed, bits | TRAVEL
     elif rate < 0.0:
-        allowed = _braking_rate(position - low, top_accel, dt)
+        room = position - low + (before * dt if before < 0.0 else 0.0)
+        allowed = _braking_rate(room, top_accel, dt)
         if -rate > allowed:
             rate, bits = -allowed, bits | TRAVEL
     return rate, bits

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from spsp_ctrl.discrepancy.fitting import Bench, Fitted, Split
-from spsp_ctrl.discrepancy.naming import Named, Search, State
+from spsp_ctrl.discrepancy.naming import Named, Search, State, taken_out
 from spsp_ctrl.discrepancy.next_experiment import plan
 from spsp_ctrl.discrepancy.records import Record
 from spsp_ctrl.discrepancy.result import Correlation, Diagnosis, Refused, RegimeCell, Step
 from spsp_ctrl.discrepancy.statistics import rms
-from spsp_ctrl.discrepancy.unknown import regime_sizes, sketch, taken_out
+from spsp_ctrl.discrepancy.unknown import regime_sizes, sketch
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.axis_model import AxisModel
 

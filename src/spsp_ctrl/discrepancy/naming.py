@@ -245,24 +245,24 @@ class Search:
         polished = fit(self.train, best.fitted.p, self.variables(best.fitted.p, names), steps=3)
         return State(polished.p, polished, self.held.residuals(polished.p), names)
 
-    def prune(self, state: State) -> State:
+    def prune(self, state: State, before: Array) -> State:
         """Backward elimination: a name that no longer earns its place goes."""
         for one in list(state.named[:-1]):
             rest = [n for n in state.named if n is not one]
             self.tick(f"without {one.candidate.name}")
-            p = without(state.p, one.candidate, rest)
+            p = taken_out(state.p, before, one, rest)
             fitted = fit(self.train, p, self.variables(p, rest), steps=2)
             loss = self.gain(fitted.residuals, state.fitted.residuals)
             if loss < EVIDENCE + self.price(fitted.residuals, len(one.candidate.variables)):
                 state = State(fitted.p, fitted, self.held.residuals(fitted.p), rest)
         return state
 
-    def swap(self, state: State) -> State:
+    def swap(self, state: State, before: Array) -> State:
         """A name chosen early may have stood for another that shows only beside the later ones: its rivals are tried in its place."""
         for one in list(state.named):
             rest = [n for n in state.named if n is not one]
             taken = {n.candidate.name for n in rest}
-            without_it = without(state.p, one.candidate, rest)
+            without_it = taken_out(state.p, before, one, rest)
             bare = fit(self.train, without_it, self.variables(without_it, rest), steps=2)
             alone = State(bare.p, bare, self.held.residuals(bare.p), rest)
             fresh = {c.name: c for c in self.library(alone)}
@@ -304,17 +304,19 @@ class Search:
                 break
             state = after
         if len(state.named) > 1:
-            state = self.swap(self.prune(state))
+            state = self.swap(self.prune(state, first.p), first.p)
         return first, state
 
 
-def without(p: Array, candidate: Candidate, rest: list[Named]) -> Array:
-    """Parameters with a name taken out, as far as no other name holds them."""
+def taken_out(p: Array, before: Array, named: Named, rest: list[Named]) -> Array:
+    """Parameters with a name taken out: what no other name holds goes back to what it was ``before``, which is zero only for what was absent."""
     held = {v.index for n in rest for v in n.candidate.variables}
     q = p.copy()
-    for v in candidate.variables:
+    for v in named.candidate.variables:
         if v.index not in held:
-            q[v.index] = 0.0
+            for i in (v.index, v.phase, v.along):
+                if i >= 0:
+                    q[i] = before[i]
     return q
 
 

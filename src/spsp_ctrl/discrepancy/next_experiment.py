@@ -17,11 +17,10 @@ import yaml
 from spsp_ctrl.discrepancy.fitting import Bench, fit, robust_rms
 from spsp_ctrl.discrepancy.library import Candidate
 from spsp_ctrl.discrepancy.motion_menu import menu, reach_of
-from spsp_ctrl.discrepancy.naming import Named, Search, State
+from spsp_ctrl.discrepancy.naming import Named, Search, State, taken_out
 from spsp_ctrl.discrepancy.records import Motion, Record
 from spsp_ctrl.discrepancy.replica import Replica, replica
 from spsp_ctrl.discrepancy.statistics import rms
-from spsp_ctrl.discrepancy.unknown import taken_out
 from spsp_ctrl.discrepancy.variables import Variable, place, values_of
 from spsp_ctrl.plant.arrays import Array
 from spsp_ctrl.plant.axis import IN, INPUTS, OUT

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spsp_ctrl.discrepancy.fitting import Bench, Split, fit, robust_rms
-from spsp_ctrl.discrepancy.naming import Named, Search, State
+from spsp_ctrl.discrepancy.naming import Named, Search, State, taken_out
 from spsp_ctrl.discrepancy.replica import UNITS, Replica, smooth
 from spsp_ctrl.discrepancy.show import OPEN
 from spsp_ctrl.discrepancy.statistics import correlation_length, rms
@@ -80,18 +80,6 @@ def refuse(search: Search, first: State, state: State, single: dict[str, float])
         p = taken_out(p, first.p, n, rest)
     fitted = fit(search.train, p, search.variables(p, rest), steps=3)
     return State(fitted.p, fitted, search.held.residuals(fitted.p), rest), out
-
-
-def taken_out(p: Array, before: Array, named: Named, rest: list[Named]) -> Array:
-    """Parameters with a name taken out: what no other name holds goes back to what it was ``before``, which is zero only for what was absent."""
-    held = {v.index for n in rest for v in n.candidate.variables}
-    q = p.copy()
-    for v in named.candidate.variables:
-        if v.index not in held:
-            for i in (v.index, v.phase, getattr(v, "along", -1)):
-                if i >= 0:
-                    q[i] = before[i]
-    return q
 
 
 def sketch(bench: Bench, residuals: Split, channel: str) -> Sketch | None:

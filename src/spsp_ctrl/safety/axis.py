@@ -21,8 +21,12 @@ FOLLOW_S = 0.02
 """The following error may be ``FOLLOW_RAD`` and this time of speed (healthy: 0.25 rad)."""
 STUCK_RAD = 0.15
 NOISE_COUNTS = 25.0
-"""At 14 bits; rms of what no acceleration explains (healthy: 1)."""
+"""At 14 bits; rms of what is left of a step beyond full current and the stamp (healthy: 0)."""
 NOISE_MEMORY_S = 0.05
+REACH_MARGIN = 1.9
+"""Times what full current can do by the rig file: torque constant and inertia may each be 30 % off."""
+STAMP_CYCLES = 0.25
+"""A stamp on wires is off by so much of a cycle, and an angle in motion with it."""
 JUMP_MARGIN = 3.0
 """Times what full current can do."""
 JUMP_COUNTS = 20.0
@@ -53,6 +57,8 @@ class AxisLimits:
     per_ns: float
     """Cycles per ns."""
     rad_per_count: float
+    reach_counts_cycle2: float
+    """What full current may do to the step of a cycle."""
     jump_counts_cycle2: float
     jump_counts: float
     noise_counts2: float
@@ -83,6 +89,7 @@ def axis_limits(config: RigConfig, actuator: Actuator) -> AxisLimits:
         s.coast_samples,
         config.rate_hz * 1e-9,
         rad,
+        REACH_MARGIN * accel / rad * period_s * period_s,
         JUMP_MARGIN * accel / rad * period_s * period_s,
         JUMP_COUNTS * fine,
         (NOISE_COUNTS * fine) ** 2,
@@ -176,7 +183,8 @@ def step(
         if known < 2 or (n > 0.0 and abs(off) <= p.jump_counts + p.jump_counts_cycle2 * free * free):
             believed = True
             if known >= 2 and not bad:
-                noise += p.noise_share * (off * off - noise)
+                left = abs(off) - p.reach_counts_cycle2 * n * n - STAMP_CYCLES * abs(motion)
+                noise += p.noise_share * ((left * left if left > 0.0 else 0.0) - noise)
     if status:
         converter_since = converter_since or now_ns or 1
         if now_ns - converter_since >= p.converter_ns:
