@@ -9,6 +9,7 @@ import numpy as np
 from tests.discrepancy.benches import MODEL, samples_of, write
 
 from spsp_ctrl.discrepancy.baseline import baselines, difference_floor, same_motion
+from spsp_ctrl.discrepancy.features import basis, features
 from spsp_ctrl.discrepancy.records import load_record
 from spsp_ctrl.discrepancy.replica import replica
 from spsp_ctrl.discrepancy.whitening import robust_rms
@@ -34,6 +35,8 @@ def test_what_the_model_lacks_anyway_cancels_on_the_same_motion(tmp_path: Path) 
     left = {c: now[c] - found[0][c] for c in now}
     assert robust_rms(left["resolver"]) < 0.2 * robust_rms(now["resolver"]), "the friction is in both"
     assert 0.5e-6 < robust_rms(left["ruler"]) < 3e-6, "half of the play, either way"
-    floor = difference_floor(found, left)
+    every = features(replica(model, worn))
+    motion = {c: basis(every[replica(model, worn).rows(c)]) for c in left}
+    floor = difference_floor(left, motion)
     assert robust_rms(left["ruler"]) > 3.0 * floor["ruler"]
     assert np.all([v > 0.0 for v in floor.values()])

@@ -6,19 +6,20 @@ same motion that residual is the same again and cancels, and an effect shows fro
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from spsp_ctrl.discrepancy.records import Record
 from spsp_ctrl.discrepancy.replica import Replica
-from spsp_ctrl.discrepancy.whitening import Split, colour
+from spsp_ctrl.discrepancy.whitening import Split, robust_rms
 from spsp_ctrl.plant.arrays import Array
 
 INPUTS = ("reference_m", "load_force_n", "load_mass_kg")
 """What makes a motion: equal to the millionth part of its range."""
-WARMTH_K = 0.5
-"""Difference of the screw's temperature at equal times that still counts as the same motion."""
+DRIFT = 1.2
+"""Two records of one machine part by this much more than their noise: the slow drift of a motor that is held by noisy readings (seen: 1.0 to 1.35)."""
+
 
 
 def same_motion(one: Record, other: Record) -> bool:
@@ -43,7 +44,7 @@ def baselines(records: Sequence[Record], commissioning: Sequence[Replica], p: Ar
     return tuple(found) if found else None
 
 
-def difference_floor(baseline: Sequence[Split], difference: Split) -> dict[str, float]:
-    """Floor of a difference of two records, by channel: root two times what neither model nor past foretells of one."""
-    first = {c: np.concatenate([b[c] for b in baseline]) for c in difference}
-    return {c: 2.0**0.5 * min(colour(first[c]).innovation, colour(difference[c]).innovation) for c in difference}
+def difference_floor(difference: Split, motion: Mapping[str, Array]) -> dict[str, float]:
+    """Floor of a difference of two records, by channel: what is left of it without all that a motion could do (``motion``: orthonormal bases)."""
+    freedom = {c: (len(r) / max(1, len(r) - motion[c].shape[1])) ** 0.5 for c, r in difference.items()}
+    return {c: DRIFT * freedom[c] * robust_rms(r - motion[c] @ (motion[c].T @ r)) for c, r in difference.items()}

@@ -114,8 +114,6 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
         pairs = [split_by_motion(replica(model, r)) for r in kept["logs"]]
         train = _bench(model, kept["logs"], floor, [a for a, _ in pairs], base)
         held = _bench(model, kept["logs"], floor, [b for _, b in pairs], base)
-    if base is not None:
-        train = replace(train, floor=difference_floor(base, train.residuals(p)))
     if not kept["commissioning"]:
         tick("floor")
         whole = _bench(model, kept["logs"], {})
@@ -127,6 +125,8 @@ def diagnose(task: Task, new_model: Path, tick: Callable[[str], None] = lambda t
         randoms = lost_or_coarse(scatter(train.replicas[0]), clean)
         train, held, p = without_lost(train, randoms), without_lost(held, randoms), coarser(p, randoms)
     train = replace(train, motion=motion_of(train), jobs=task.jobs)
+    if base is not None:
+        train = replace(train, floor=difference_floor(train.residuals(p), train.motion))
     search = Search(
         train, held,
         lambda q: () if base is not None else names.nominal_variables(model, q, reference, sigma),
