@@ -11,7 +11,8 @@ run: $(VENV)/ready ## the main job on the embedded virtual rig: 40 s in real tim
 test: $(VENV)/ready ## lint, types, all tests
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not realtime and not sequences and not matrix"
+	$(BIN)/python -m pytest -m realtime
 
 bench: $(VENV)/ready ## wall-time figures, printed as ratios; never part of the tests
 	$(BIN)/python -m tools.bench

@@ -19,6 +19,8 @@ from spsp_ctrl.messages import Measurement, Mode
 from spsp_ctrl.recording.reader import read_log
 from spsp_ctrl.rig.simulated import SimulatedRig
 
+pytestmark = pytest.mark.realtime
+
 ATTEMPTS = 3
 """Other work on the machine can hold the loop itself up for longer than a tenth of a second; it does so rarely."""
 

@@ -18,7 +18,7 @@ from spsp_ctrl.devices import tmcl_table as T
 from spsp_ctrl.devices.canopen_eds import eds
 from spsp_ctrl.devices.cia402_device import Drive
 
-pytestmark = pytest.mark.peers
+pytestmark = [pytest.mark.peers, pytest.mark.realtime]
 pytest.importorskip("msgpack", reason="python-can's udp_multicast needs it")
 
 

@@ -19,6 +19,8 @@ from spsp_ctrl.messages import Measurement, Mode
 from spsp_ctrl.rig.simulated import SimulatedRig
 from spsp_ctrl.runtime.clock import LockStepClock, MonotonicClock
 
+pytestmark = pytest.mark.realtime
+
 PERIOD_NS = 1_000_000
 DURATION_S = 2.0
 ORDER = [Mode.DISARMED, Mode.READY, Mode.ALIGNING, Mode.ACTIVE, Mode.STOPPING, Mode.DISARMED]

@@ -18,8 +18,7 @@ from spsp_ctrl.plant.arrays import Array
 INPUTS = ("reference_m", "load_force_n", "load_mass_kg")
 """What makes a motion: equal to the millionth part of its range."""
 DRIFT = 1.2
-"""Two records of one machine part by this much more than their noise: the slow drift of a motor that is held by noisy readings (seen: 1.0 to 1.35)."""
-
+"""Two records of one machine part by so much more than their noise: slow drift of a motor that is held by noisy readings (seen: 1.0 to 1.35)."""
 
 
 def same_motion(one: Record, other: Record) -> bool:
