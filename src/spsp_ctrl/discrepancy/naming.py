@@ -27,9 +27,10 @@ ABOVE, LATER = 1.15, 1.3
 """A channel nearer to its floor than this has nothing to name; a floor is known to some per cent only, so later names need more."""
 EVIDENCE = 20.0
 """Least gain of the score (difference of BIC)."""
-SURE, TELLING, UNTOLD = 2.3, 3.0, 1000.0
+SURE, TELLING, UNTOLD, UNFORETOLD = 2.3, 3.0, 1000.0, 250.0
 """Held-out motion confirms from so many deviations on, where it can tell at all (a true name would stand at ``TELLING``); where it cannot,
-training must give this evidence (the slow drift of two records of one machine gave up to 360 to a wrong name)."""
+training must give
+this evidence, and this by what the residuals foretell of themselves (slow drift between two records of one machine: up to 1100, 172)."""
 CLEAR = 5.0
 """The same for a name that leaves so much that what is left foretells itself as well as before."""
 TWIN_EVIDENCE, TWIN_COSINE = 6.0, 0.95
@@ -174,8 +175,11 @@ class Search:
         channel = max(best, key=lambda c: best[c] - was[c])
         if self.calibrated:
             told = confirmed.expected >= TELLING
-            whole = self.foretold(before, after) > EVIDENCE
-            good = confirmed.score >= (SURE if whole else CLEAR) if told else whole and evidence >= UNTOLD and confirmed.score > -SURE
+            whole = self.foretold(before, after)
+            if told:
+                good = confirmed.score >= (SURE if whole > EVIDENCE else CLEAR)
+            else:
+                good = whole >= UNFORETOLD and evidence >= UNTOLD and confirmed.score > -SURE
             return good and not worse, channel, shares, confirmed
         reach = [c for c in shares if robust_rms(before[c]) > above * floor.get(c, 0.0)]
         share, held = (CERTAIN_SHARE, CERTAIN_HELD) if evidence >= CERTAIN else (TRAIN_SHARE, HELD_SHARE)
